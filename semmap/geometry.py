@@ -1,0 +1,165 @@
+"""Rotations and rigid transforms: SO(3) and SE(3) as plain arrays.
+
+Rotation vectors perturb on the right, ``R Exp(θ)``. Twists are ``[θ, ρ]`` with the rotation first, as in gtsam.
+All functions accept leading batch dimensions unless they say otherwise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+Array = NDArray[np.float64]
+
+_SMALL_ANGLE_RAD = 1e-6
+
+
+def skew(v: ArrayLike) -> Array:
+    """Matrix ``[v]x`` with ``[v]x w = v x w``; (..., 3) -> (..., 3, 3)."""
+    v = np.asarray(v, dtype=np.float64)
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def so3_exp(theta: ArrayLike) -> Array:
+    """Rotation matrix of a rotation vector [rad]; (..., 3) -> (..., 3, 3)."""
+    theta = np.asarray(theta, dtype=np.float64)
+    angle2 = np.sum(theta * theta, axis=-1)[..., None, None]
+    angle = np.sqrt(angle2)
+    small = angle < _SMALL_ANGLE_RAD
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1.0 - angle2 / 6.0, np.sin(safe) / safe)
+    b = np.where(small, 0.5 - angle2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    K = skew(theta)
+    return np.eye(3) + a * K + b * (K @ K)
+
+
+def so3_log(R: ArrayLike) -> Array:
+    """Rotation vector [rad], angle in [0, pi], of a rotation matrix; (..., 3, 3) -> (..., 3)."""
+    R = np.asarray(R, dtype=np.float64)
+    flat = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(flat).reshape(R.shape[:-1])
+
+
+def so3_left_jacobian(theta: ArrayLike) -> Array:
+    """Left Jacobian ``J`` of SO(3), ``Exp(θ + δ) ≈ Exp(J δ) Exp(θ)``; (..., 3) -> (..., 3, 3)."""
+    theta = np.asarray(theta, dtype=np.float64)
+    angle2 = np.sum(theta * theta, axis=-1)[..., None, None]
+    angle = np.sqrt(angle2)
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    b = np.where(small, 0.5 - angle2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    c = np.where(small, 1.0 / 6.0 - angle2 / 120.0, (safe - np.sin(safe)) / safe**3)
+    K = skew(theta)
+    return np.eye(3) + b * K + c * (K @ K)
+
+
+def se3(R: ArrayLike, p: ArrayLike) -> Array:
+    """Transform (..., 4, 4) from rotation (..., 3, 3) and translation (..., 3)."""
+    R, p = np.asarray(R, dtype=np.float64), np.asarray(p, dtype=np.float64)
+    T = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1.0
+    return T
+
+
+def inverse(T: ArrayLike) -> Array:
+    """Inverse of rigid transforms (..., 4, 4)."""
+    T = np.asarray(T, dtype=np.float64)
+    R_t = np.swapaxes(T[..., :3, :3], -1, -2)
+    return se3(R_t, -(R_t @ T[..., :3, 3:])[..., 0])
+
+
+def transform(T: ArrayLike, points: ArrayLike) -> Array:
+    """Points (n, 3) taken through one rigid transform (4, 4)."""
+    T = np.asarray(T, dtype=np.float64)
+    return np.asarray(points, dtype=np.float64) @ T[:3, :3].T + T[:3, 3]
+
+
+def se3_exp(xi: ArrayLike) -> Array:
+    """Transform of a twist ``[θ, ρ]``; (..., 6) -> (..., 4, 4)."""
+    xi = np.asarray(xi, dtype=np.float64)
+    theta, rho = xi[..., :3], xi[..., 3:]
+    return se3(so3_exp(theta), (so3_left_jacobian(theta) @ rho[..., None])[..., 0])
+
+
+def se3_log(T: ArrayLike) -> Array:
+    """Twist ``[θ, ρ]`` of a transform; (..., 4, 4) -> (..., 6)."""
+    T = np.asarray(T, dtype=np.float64)
+    theta = so3_log(T[..., :3, :3])
+    rho = np.linalg.solve(so3_left_jacobian(theta), T[..., :3, 3:])[..., 0]
+    return np.concatenate([theta, rho], axis=-1)
+
+
+def adjoint(T: ArrayLike) -> Array:
+    """Adjoint (..., 6, 6) with ``T Exp(ξ) T⁻¹ = Exp(Ad ξ)`` for twists ``[θ, ρ]``."""
+    T = np.asarray(T, dtype=np.float64)
+    R = T[..., :3, :3]
+    Ad = np.zeros((*T.shape[:-2], 6, 6))
+    Ad[..., :3, :3] = Ad[..., 3:, 3:] = R
+    Ad[..., 3:, :3] = skew(T[..., :3, 3]) @ R
+    return Ad
+
+
+def rotation_angle(R: ArrayLike) -> Array:
+    """Angle [rad] of rotation matrices (..., 3, 3), paper 004 Eq. 9."""
+    R = np.asarray(R, dtype=np.float64)
+    trace = np.trace(R, axis1=-2, axis2=-1)
+    return np.asarray(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)))
+
+
+def yaw_rotation(yaw: float) -> Array:
+    """Rotation (3, 3) about z by ``yaw`` [rad]."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def yaw_of(R: ArrayLike) -> float:
+    """Heading [rad] of the x axis of one rotation (3, 3) in the horizontal plane."""
+    R = np.asarray(R, dtype=np.float64)
+    return float(np.arctan2(R[1, 0], R[0, 0]))
+
+
+def rotation_between(a: ArrayLike, b: ArrayLike) -> Array:
+    """Smallest rotation R (3, 3) with ``R a ∥ b`` for two non-zero vectors (3,)."""
+    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    axis, cosine = np.cross(a, b), float(a @ b)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-12:
+        if cosine > 0.0:
+            return np.eye(3)
+        other = np.cross(a, [1.0, 0.0, 0.0] if abs(a[0]) < 0.9 else [0.0, 1.0, 0.0])
+        return so3_exp(np.pi * other / np.linalg.norm(other))
+    return so3_exp(axis / sine * np.arctan2(sine, cosine))
+
+
+def quaternion_xyzw(R: ArrayLike) -> Array:
+    """Unit quaternions x y z w (..., 4) of rotation matrices (..., 3, 3), for files only."""
+    R = np.asarray(R, dtype=np.float64)
+    return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat()).reshape(*R.shape[:-2], 4)
+
+
+def rotation_of_quaternion(q_xyzw: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of quaternions x y z w (..., 4) of any non-zero length."""
+    q = np.asarray(q_xyzw, dtype=np.float64)
+    return np.asarray(Rotation.from_quat(q.reshape(-1, 4)).as_matrix()).reshape(*q.shape[:-1], 3, 3)
+
+
+def interpolate_poses(
+    stamps_ns: NDArray[np.int64], poses: Array, query_ns: NDArray[np.int64]
+) -> Array:
+    """Poses (m, 4, 4) at ``query_ns`` (m,): linear in position, geodesic in rotation (paper 002 Eq. 27 on the group).
+
+    ``stamps_ns`` (n,) must increase strictly; queries outside are clamped to the ends.
+    """
+    if len(stamps_ns) == 1:
+        return np.repeat(np.asarray(poses, dtype=np.float64), len(query_ns), axis=0)
+    t = (stamps_ns - stamps_ns[0]) * 1e-9
+    q = np.clip((query_ns - stamps_ns[0]) * 1e-9, t[0], t[-1])
+    R = Slerp(t, Rotation.from_matrix(poses[:, :3, :3]))(q).as_matrix()
+    p = np.stack([np.interp(q, t, poses[:, axis, 3]) for axis in range(3)], axis=-1)
+    return se3(R, p)
