@@ -1,0 +1,198 @@
+"""Kernels of the voxel map: a hash table of cells, each with the mean, scatter and plane of the points that fell in."""
+
+import numpy as np
+from numba import njit
+
+EMPTY = np.int64(-1)
+_BIAS = 1 << 20  # cells are numbered from -2^20 to 2^20 on each axis
+
+
+@njit(cache=True, inline="always")
+def cell_key(x, y, z, inverse_size):
+    """The cell of a point as one number."""
+    i = np.int64(np.floor(x * inverse_size)) + _BIAS
+    j = np.int64(np.floor(y * inverse_size)) + _BIAS
+    k = np.int64(np.floor(z * inverse_size)) + _BIAS
+    return (i << 42) | (j << 21) | k
+
+
+@njit(cache=True, inline="always")
+def _slot_of(keys, key):
+    """Where a key stands in the table, or where it would be put."""
+    mask = np.uint64(len(keys) - 1)
+    h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    h = (h ^ (h >> np.uint64(32))) & mask
+    while keys[np.int64(h)] != EMPTY and keys[np.int64(h)] != key:
+        h = (h + np.uint64(1)) & mask
+    return np.int64(h)
+
+
+@njit(cache=True)
+def rehash(keys, cells, new_keys, new_cells):
+    """The table again in a larger one."""
+    for s in range(len(keys)):
+        if keys[s] != EMPTY:
+            new = _slot_of(new_keys, keys[s])
+            new_keys[new] = keys[s]
+            new_cells[new] = cells[s]
+
+
+@njit(cache=True)
+def insert(points, inverse_size, max_points, min_points, keys, cells, used, count, mean, scatter, normal, variance):
+    """Add points (n, 3) in odom; returns the number of cells in use. Full cells (max_points) stay as they are.
+
+    The tables must have room for n more cells. variance is that of the points along the normal [m²], negative while
+    there is no plane.
+    """
+    S = np.empty((3, 3))
+    for i in range(len(points)):
+        key = cell_key(points[i, 0], points[i, 1], points[i, 2], inverse_size)
+        slot = _slot_of(keys, key)
+        if keys[slot] == EMPTY:
+            keys[slot] = key
+            cells[slot] = used
+            c = used
+            count[c] = 0
+            mean[c] = 0.0
+            scatter[c] = 0.0
+            variance[c] = -1.0
+            used += 1
+        else:
+            c = cells[slot]
+        n = count[c]
+        if n >= max_points:
+            continue
+        n += 1
+        count[c] = n
+        dx, dy, dz = points[i, 0] - mean[c, 0], points[i, 1] - mean[c, 1], points[i, 2] - mean[c, 2]
+        mean[c, 0] += dx / n
+        mean[c, 1] += dy / n
+        mean[c, 2] += dz / n
+        ex, ey, ez = points[i, 0] - mean[c, 0], points[i, 1] - mean[c, 1], points[i, 2] - mean[c, 2]
+        scatter[c, 0] += dx * ex
+        scatter[c, 1] += dx * ey
+        scatter[c, 2] += dx * ez
+        scatter[c, 3] += dy * ey
+        scatter[c, 4] += dy * ez
+        scatter[c, 5] += dz * ez
+        if n >= min_points and (n < 2 * min_points or n % 4 == 0):
+            S[0, 0], S[0, 1], S[0, 2] = scatter[c, 0], scatter[c, 1], scatter[c, 2]
+            S[1, 0], S[1, 1], S[1, 2] = scatter[c, 1], scatter[c, 3], scatter[c, 4]
+            S[2, 0], S[2, 1], S[2, 2] = scatter[c, 2], scatter[c, 4], scatter[c, 5]
+            eigenvalues, vectors = np.linalg.eigh(S / (n - 1))
+            # a plane spreads both ways: a single scan line has no normal
+            if eigenvalues[1] > 9.0 * eigenvalues[0] and eigenvalues[1] > 0.02 * eigenvalues[2]:
+                normal[c] = vectors[:, 0]
+                variance[c] = max(eigenvalues[0], 0.0)
+            else:
+                variance[c] = -1.0
+    return used
+
+
+@njit(cache=True)
+def downsample(points, inverse_size, keys, cells, total, out):
+    """Mean of the points (n, 3) in each cell into out; returns how many. keys and cells are scratch tables."""
+    keys[:] = EMPTY
+    m = 0
+    for i in range(len(points)):
+        key = cell_key(points[i, 0], points[i, 1], points[i, 2], inverse_size)
+        slot = _slot_of(keys, key)
+        if keys[slot] == EMPTY:
+            keys[slot] = key
+            cells[slot] = m
+            out[m] = 0.0
+            total[m] = 0
+            m += 1
+        c = cells[slot]
+        out[c] += points[i]
+        total[c] += 1
+    for c in range(m):
+        out[c] /= total[c]
+    return m
+
+
+@njit(cache=True, inline="always")
+def _plane_near(x, y, z, size, keys, cells, variance, mean):
+    """The cell with a plane that a point belongs to: its own, or else the one of the six beside it whose mean is nearest."""
+    inverse_size = 1.0 / size
+    own = _slot_of(keys, cell_key(x, y, z, inverse_size))
+    if keys[own] != EMPTY and variance[cells[own]] >= 0.0:
+        return cells[own]
+    best, best_distance2 = np.int64(-1), size * size
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            qx, qy, qz = x, y, z
+            if axis == 0:
+                qx += sign * size
+            elif axis == 1:
+                qy += sign * size
+            else:
+                qz += sign * size
+            slot = _slot_of(keys, cell_key(qx, qy, qz, inverse_size))
+            if keys[slot] == EMPTY:
+                continue
+            c = cells[slot]
+            if variance[c] < 0.0:
+                continue
+            distance2 = (x - mean[c, 0]) ** 2 + (y - mean[c, 1]) ** 2 + (z - mean[c, 2]) ** 2
+            if distance2 < best_distance2:
+                best, best_distance2 = np.int64(c), distance2
+    return best
+
+
+@njit(cache=True)
+def point_to_plane(
+    points, R, p, R_imu_lidar, p_imu_lidar, size, keys, cells, mean, normal, variance, range_variance, gate,
+    A, b, residuals, sigmas,
+):  # fmt: skip
+    """Sum A += HᵀH/σ², b -= Hᵀr/σ² of the point-to-plane residuals (paper 000 Eq. 14); returns how many matched.
+
+    points (n, 3) in the lidar frame; columns of H: rotation, position, lidar extrinsic rotation and position.
+    residuals, sigmas (n,) [m]: NaN where there is no plane.
+    """
+    A[:, :] = 0.0
+    b[:] = 0.0
+    h = np.empty(12)
+    matched = 0
+    for i in range(len(points)):
+        residuals[i] = np.nan
+        lx, ly, lz = points[i, 0], points[i, 1], points[i, 2]
+        ix = R_imu_lidar[0, 0] * lx + R_imu_lidar[0, 1] * ly + R_imu_lidar[0, 2] * lz + p_imu_lidar[0]
+        iy = R_imu_lidar[1, 0] * lx + R_imu_lidar[1, 1] * ly + R_imu_lidar[1, 2] * lz + p_imu_lidar[1]
+        iz = R_imu_lidar[2, 0] * lx + R_imu_lidar[2, 1] * ly + R_imu_lidar[2, 2] * lz + p_imu_lidar[2]
+        x = R[0, 0] * ix + R[0, 1] * iy + R[0, 2] * iz + p[0]
+        y = R[1, 0] * ix + R[1, 1] * iy + R[1, 2] * iz + p[1]
+        z = R[2, 0] * ix + R[2, 1] * iy + R[2, 2] * iz + p[2]
+        c = _plane_near(x, y, z, size, keys, cells, variance, mean)
+        if c < 0:
+            continue
+        nx, ny, nz = normal[c, 0], normal[c, 1], normal[c, 2]
+        r = nx * (x - mean[c, 0]) + ny * (y - mean[c, 1]) + nz * (z - mean[c, 2])
+        sigma2 = variance[c] + range_variance
+        if r * r > gate * gate * sigma2:
+            continue
+        # normal in the imu and in the lidar frame
+        mx = R[0, 0] * nx + R[1, 0] * ny + R[2, 0] * nz
+        my = R[0, 1] * nx + R[1, 1] * ny + R[2, 1] * nz
+        mz = R[0, 2] * nx + R[1, 2] * ny + R[2, 2] * nz
+        kx = R_imu_lidar[0, 0] * mx + R_imu_lidar[1, 0] * my + R_imu_lidar[2, 0] * mz
+        ky = R_imu_lidar[0, 1] * mx + R_imu_lidar[1, 1] * my + R_imu_lidar[2, 1] * mz
+        kz = R_imu_lidar[0, 2] * mx + R_imu_lidar[1, 2] * my + R_imu_lidar[2, 2] * mz
+        h[0], h[1], h[2] = iy * mz - iz * my, iz * mx - ix * mz, ix * my - iy * mx
+        h[3], h[4], h[5] = nx, ny, nz
+        h[6], h[7], h[8] = ly * kz - lz * ky, lz * kx - lx * kz, lx * ky - ly * kx
+        h[9], h[10], h[11] = mx, my, mz
+        # Cauchy weight: a stone or a vehicle that was not there must not pull
+        weight = 1.0 / (sigma2 * (1.0 + r * r / (4.0 * sigma2)))
+        for row in range(12):
+            hw = h[row] * weight
+            b[row] -= hw * r
+            for column in range(row, 12):
+                A[row, column] += hw * h[column]
+        residuals[i] = r
+        sigmas[i] = np.sqrt(sigma2)
+        matched += 1
+    for row in range(12):
+        for column in range(row):
+            A[row, column] = A[column, row]
+    return matched

@@ -1,0 +1,171 @@
+"""The iterated error-state Kalman filter (paper 000 Eq. 1 to 4). It knows no sensor: a sensor offers information."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localize._numba_propagation import deskew, propagate
+from localize.state import ACCEL_BIAS, CLONE, ERROR_DIM, GRAVITY, GYRO_BIAS, POSITION, ROTATION, VELOCITY, NavState
+from semmap.geometry import Array, se3
+from semmap.rig import ImuBlock
+
+
+@dataclass(frozen=True, slots=True)
+class Information:
+    """What a sensor says at one state: ``A = Σ HᵀN⁻¹H`` and ``b = -Σ HᵀN⁻¹r``, over the error columns ``columns``.
+
+    squared : Σ rᵀN⁻¹r; count : residuals summed.
+    """
+
+    A: Array
+    b: Array
+    columns: NDArray[np.int64]
+    squared: float
+    count: int
+
+
+class MeasurementModel(Protocol):
+    """A sensor to the filter: residual, Jacobian and noise at a state, already summed."""
+
+    def linearize(self, state: NavState) -> Information | None:
+        """The information at ``state``; None where the measurement says nothing (no match, gated)."""
+        ...
+
+
+def information(residual: Array, H: Array, covariance: Array, columns: NDArray[np.int64]) -> Information:
+    """Information of a residual (m,) with Jacobian (m, k) over ``columns`` (k,) and noise covariance (m, m)."""
+    weighted = np.linalg.solve(covariance, H).T
+    squared = float(residual @ np.linalg.solve(covariance, residual))
+    return Information(weighted @ H, -weighted @ residual, columns, squared, len(residual))
+
+
+@dataclass(frozen=True, slots=True)
+class InertialTrack:
+    """States at the IMU samples of one interval, between which points are deskewed. Times in seconds after ``zero_ns``."""
+
+    zero_ns: int
+    t: Array
+    R: Array
+    p: Array
+    v: Array
+    rate: Array
+    acceleration: Array
+
+    def deskew(
+        self, points: NDArray[np.float32], offsets_ns: NDArray[np.int64], stamp_ns: int, T_imu_lidar: Array
+    ) -> Array:
+        """Points (n, 3) of the lidar, each at its own time, in the lidar frame at the end of the track."""
+        out = np.empty((len(points), 3))
+        times = (offsets_ns + (stamp_ns - self.zero_ns)) * 1e-9
+        R, p = np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3])
+        deskew(points, times, self.t, self.R, self.p, self.v, self.rate, self.acceleration, R, p, out)
+        return out
+
+    @property
+    def poses(self) -> Array:
+        """``T_odom_imu`` (n, 4, 4) at the samples."""
+        return se3(self.R, self.p)
+
+
+def joined(tracks: list[InertialTrack]) -> InertialTrack:
+    """Consecutive tracks as one."""
+    first = tracks[0]
+    if len(tracks) == 1:
+        return first
+    shift = [(track.zero_ns - first.zero_ns) * 1e-9 for track in tracks]
+    return InertialTrack(
+        first.zero_ns,
+        np.concatenate([track.t + dt for track, dt in zip(tracks, shift, strict=True)]),
+        *(np.concatenate([getattr(track, name) for track in tracks]) for name in ("R", "p", "v", "rate", "acceleration")),
+    )
+
+
+class ErrorStateFilter:
+    """State, covariance and time; `predict` carries them on, `update` takes a sensor in.
+
+    Parameters
+    ----------
+    state, P : start values, P (42, 42) in the order of `localize.state`.
+    stamp_ns : their time.
+    imu : noise densities.
+    """
+
+    def __init__(self, state: NavState, P: Array, stamp_ns: int, imu: ImuBlock) -> None:
+        self.state, self.P, self.stamp_ns = state, P, stamp_ns
+        self._densities = np.array([imu.gyro_noise, imu.accel_noise, imu.gyro_bias_walk, imu.accel_bias_walk]) ** 2
+
+    def predict(self, stamps_ns: NDArray[np.int64], gyro: Array, accel: Array) -> InertialTrack:
+        """Propagate over IMU samples (n,), (n, 3), (n, 3) from the first (the present) to the last stamp (paper 000 Eq. 1)."""
+        n = len(stamps_ns)
+        t = (stamps_ns - stamps_ns[0]) * 1e-9
+        track = InertialTrack(int(stamps_ns[0]), t, np.empty((n, 3, 3)), *(np.empty((n, 3)) for _ in range(4)))
+        s = self.state
+        propagate(
+            s.R, s.p, s.v, s.gyro_bias, s.accel_bias, s.g, self.P, t, gyro, accel, self._densities,
+            track.R, track.p, track.v, track.rate, track.acceleration,
+        )  # fmt: skip
+        self.stamp_ns = int(stamps_ns[-1])
+        return track
+
+    def update(self, model: MeasurementModel, *, iterations: int = 1, tolerance: float = 1e-4) -> Information | None:
+        """Maximum a posteriori state given one sensor (paper 000 Eq. 4); returns the last linearization, None if silent.
+
+        Each step solves ``(I + P A) δ = P b - (x ⊟ x̂)``, which needs no inverse of P: extrinsics that are known
+        exactly have zero rows in it and stay as they are.
+        """
+        predicted, info = self.state, None
+        for _ in range(iterations):
+            latest = model.linearize(self.state)
+            if latest is None:
+                break
+            info = latest
+            PA = np.zeros((ERROR_DIM, ERROR_DIM))
+            PA[:, info.columns] = self.P[:, info.columns] @ info.A
+            M = np.eye(ERROR_DIM) + PA
+            delta = np.linalg.solve(M, self.P[:, info.columns] @ info.b - self.state.boxminus(predicted))
+            self.state = self.state.boxplus(delta)
+            if np.abs(delta[:6]).max() < tolerance:
+                break
+        if info is not None:
+            P = np.linalg.solve(M, self.P)
+            self.P = 0.5 * (P + P.T)
+        return info
+
+    def clone_pose(self) -> None:
+        """Remember the present pose as that of the last keyframe, with its correlation."""
+        self.state.T_odom_clone = self.state.T_odom_imu
+        self.P[CLONE] = self.P[:6]
+        self.P[:, CLONE] = self.P[:, :6]
+
+    def covariance_since_clone(self) -> Array:
+        """Covariance (6, 6), rotation first, of ``T_clone_imu`` perturbed on the right (gtsam's order)."""
+        R_clone = self.state.T_odom_clone[:3, :3]
+        R_rel = R_clone.T @ self.state.R
+        p_clone = R_clone.T @ (self.state.p - self.state.T_odom_clone[:3, 3])
+        J = np.zeros((6, ERROR_DIM))
+        J[:3, ROTATION] = np.eye(3)
+        J[:3, CLONE.start : CLONE.start + 3] = -R_rel.T
+        J[3:, POSITION] = self.state.R.T
+        J[3:, CLONE.start + 3 : CLONE.stop] = -self.state.R.T
+        J[3:, CLONE.start : CLONE.start + 3] = R_rel.T @ _skew(p_clone)
+        covariance: Array = J @ self.P @ J.T
+        return covariance
+
+
+def _skew(v: Array) -> Array:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def start_covariance(imu: ImuBlock, *, tilt_std: float, velocity_std: float, g: Array) -> Array:
+    """Covariance (42, 42) at the start: the pose defines odom and is exact; gravity may lean by ``tilt_std`` [rad]."""
+    P = np.zeros((ERROR_DIM, ERROR_DIM))
+    P[VELOCITY, VELOCITY] = velocity_std**2 * np.eye(3)
+    P[GYRO_BIAS, GYRO_BIAS] = imu.gyro_bias_std**2 * np.eye(3)
+    P[ACCEL_BIAS, ACCEL_BIAS] = imu.accel_bias_std**2 * np.eye(3)
+    down = g / np.linalg.norm(g)
+    P[GRAVITY, GRAVITY] = (tilt_std * np.linalg.norm(g)) ** 2 * (np.eye(3) - np.outer(down, down))
+    return P

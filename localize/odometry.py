@@ -1,0 +1,178 @@
+"""LiDAR-inertial odometry: measurements in any order of arrival in, one pose a scan out."""
+
+from __future__ import annotations
+
+import bisect
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localize.filter import ErrorStateFilter, InertialTrack, joined
+from localize.lidar import PointToPlane
+from localize.settings import OdometrySettings
+from localize.state import NavState
+from localize.voxel_map import VoxelMap, voxel_means
+from localize.wheel import WheelVelocity
+from semmap.geometry import Array, transform
+from semmap.measurements import ImuSample, Measurement, Scan, WheelSpeed
+from semmap.rig import Rig
+
+_TICK_NS = 100_000_000
+"""Without a LiDAR poses come at this interval."""
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryPose:
+    """What the filter knows at the end of a scan.
+
+    stamp_ns : time of the scan's end. T_odom_imu : (4, 4). covariance : (42, 42), order of `localize.state`.
+    state : the whole state. points : (n, 3) float32 deskewed, in the imu frame; empty without a scan.
+    matched : scan points that met a plane; considered : scan points tried.
+    """
+
+    stamp_ns: int
+    state: NavState
+    covariance: Array
+    points: NDArray[np.float32]
+    matched: int
+    considered: int
+
+    @property
+    def T_odom_imu(self) -> Array:
+        return self.state.T_odom_imu
+
+
+class Odometry:
+    """The filter with its local map and the sequencer that feeds it.
+
+    A scan is used when the IMU covers its end; what arrives out of order before that is put in order, what arrives
+    later is dropped and counted in ``dropped``.
+    """
+
+    def __init__(self, rig: Rig, settings: OdometrySettings, start: ErrorStateFilter) -> None:
+        self.rig, self.settings, self.filter = rig, settings, start
+        self.voxels = VoxelMap(settings.voxel_size, max_points=settings.voxel_points)
+        self.dropped: dict[str, int] = {}
+        self.slips = 0
+        self._imu: list[ImuSample] = []
+        self._imu_stamps: list[int] = []
+        self._wheel: list[WheelSpeed] = []
+        self._scans: list[Scan] = []
+        self._last_wheel_ns = -(1 << 62)
+
+    def add(self, measurement: Measurement) -> list[OdometryPose]:
+        """Take one measurement in; returns the poses that became known (usually none or one)."""
+        match measurement:
+            case ImuSample():
+                self._add_imu(measurement)
+            case WheelSpeed() if self.rig.wheel is not None:
+                if self._in_time(measurement.stamp_ns, "wheel"):
+                    bisect.insort(self._wheel, measurement, key=lambda m: m.stamp_ns)
+            case Scan() if self.rig.lidar is not None:
+                if self._in_time(measurement.end_ns, "scan"):
+                    bisect.insort(self._scans, measurement, key=lambda m: m.end_ns)
+            case _:
+                return []
+        return self._advance()
+
+    def _add_imu(self, sample: ImuSample) -> None:
+        if self._imu_stamps and sample.stamp_ns <= self._imu_stamps[-1]:
+            self._count("imu")
+            return
+        self._imu.append(sample)
+        self._imu_stamps.append(sample.stamp_ns)
+
+    def _in_time(self, stamp_ns: int, what: str) -> bool:
+        if stamp_ns > self.filter.stamp_ns:
+            return True
+        self._count(what)
+        return False
+
+    def _count(self, what: str) -> None:
+        self.dropped[what] = self.dropped.get(what, 0) + 1
+
+    def _advance(self) -> list[OdometryPose]:
+        poses = []
+        while self._imu_stamps:
+            if self.rig.lidar is None:
+                end_ns = self.filter.stamp_ns + _TICK_NS
+            elif self._scans:
+                end_ns = self._scans[0].end_ns
+            else:
+                break
+            if self._imu_stamps[-1] < end_ns:
+                break
+            poses.append(self._step(end_ns, self._scans.pop(0) if self.rig.lidar is not None else None))
+        return poses
+
+    def _step(self, end_ns: int, scan: Scan | None) -> OdometryPose:
+        """One scan: propagate with the wheel on the way, deskew, match, extend the local map."""
+        track = self._propagate(end_ns)
+        points = np.empty((0, 3))
+        matched = considered = 0
+        if scan is not None:
+            begin_ns = track.zero_ns
+            known = scan.offsets_ns + scan.stamp_ns >= begin_ns - _TICK_NS // 2
+            T_imu_lidar = self.filter.state.T_imu_lidar
+            deskewed = track.deskew(scan.points[known], scan.offsets_ns[known], scan.stamp_ns, T_imu_lidar)
+            matched, considered = self._match(deskewed)
+            points = transform(self.filter.state.T_imu_lidar, deskewed)
+            self.voxels.insert(transform(self.filter.state.T_odom_imu, points))
+        return OdometryPose(
+            end_ns, self.filter.state.copy(), self.filter.P.copy(), points.astype(np.float32), matched, considered
+        )
+
+    def _propagate(self, end_ns: int) -> InertialTrack:
+        tracks = []
+        while self._wheel and self._wheel[0].stamp_ns <= end_ns:
+            reading = self._wheel.pop(0)
+            if reading.stamp_ns - self._last_wheel_ns < self.settings.wheel_interval_s * 1e9:
+                continue
+            if reading.stamp_ns > self.filter.stamp_ns:
+                tracks.append(self._predict(reading.stamp_ns))
+                self._last_wheel_ns = reading.stamp_ns
+                self._take_wheel(reading, tracks[-1].rate[-1] + self.filter.state.gyro_bias)
+        if end_ns > self.filter.stamp_ns or not tracks:
+            tracks.append(self._predict(end_ns))
+        return joined(tracks)
+
+    def _predict(self, end_ns: int) -> InertialTrack:
+        """Propagate from the filter's time to ``end_ns``, with the IMU interpolated at both ends."""
+        begin_ns = self.filter.stamp_ns
+        first = max(0, bisect.bisect_right(self._imu_stamps, begin_ns) - 1)
+        last = bisect.bisect_left(self._imu_stamps, end_ns)
+        samples = self._imu[first : last + 1]
+        stamps = np.array([sample.stamp_ns for sample in samples], np.int64)
+        gyro, accel = np.array([s.gyro for s in samples]), np.array([s.accel for s in samples])
+        inside = stamps[(stamps > begin_ns) & (stamps < end_ns)]
+        at = np.concatenate([[begin_ns], inside, [end_ns]]).astype(np.int64)
+        t, x = (stamps - stamps[0]) * 1e-9, (at - stamps[0]) * 1e-9
+        track = self.filter.predict(
+            at,
+            np.stack([np.interp(x, t, gyro[:, axis]) for axis in range(3)], axis=-1),
+            np.stack([np.interp(x, t, accel[:, axis]) for axis in range(3)], axis=-1),
+        )
+        del self._imu[:first], self._imu_stamps[:first]
+        return track
+
+    def _take_wheel(self, reading: WheelSpeed, gyro: Array) -> None:
+        assert self.rig.wheel is not None
+        s = self.settings
+        forward = np.hypot(self.rig.wheel.speed_std, s.wheel_scale_std * reading.speed)
+        model = WheelVelocity(reading.speed, gyro, np.array([forward, s.sideways_std, s.sideways_std]))
+        if model.forward_mahalanobis2(self.filter.state, self.filter.P) > s.slip_gate:
+            self.slips += 1
+            return
+        self.filter.update(model)
+
+    def _match(self, deskewed: Array) -> tuple[int, int]:
+        assert self.rig.lidar is not None
+        s = self.settings
+        model = PointToPlane(
+            voxel_means(deskewed, s.scan_voxel), self.voxels, self.rig.lidar.range_std**2, s.gate, s.correlation,
+            s.min_matches,
+        )  # fmt: skip
+        if len(self.voxels):
+            self.filter.update(model, iterations=s.iterations)
+        return model.matched, len(model.points)

@@ -1,0 +1,93 @@
+"""The start, from rest or in motion: the first stretch is run several times until speed and vertical fit it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from localize.filter import ErrorStateFilter, start_covariance
+from localize.odometry import Odometry, OdometryPose
+from localize.settings import OdometrySettings
+from localize.state import NavState
+from semmap.geometry import Array, rotation_between, se3
+from semmap.measurements import ImuSample, Measurement, Scan, WheelSpeed
+from semmap.rig import Rig
+
+GRAVITY = 9.81
+"""[m/s²]; the difference to the local value goes into the accelerometer bias."""
+_PASSES = 3
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class StartingOdometry:
+    """`Odometry` that starts itself: it holds the first stretch back, finds speed and tilt, and goes on from there.
+
+    odom is the imu's place at the first IMU sample, turned so that z points up as far as the accelerometer tells;
+    what is left of the lean is in the state's gravity.
+    """
+
+    def __init__(self, rig: Rig, settings: OdometrySettings) -> None:
+        self.rig, self.settings = rig, settings
+        self.odometry: Odometry | None = None
+        self._held: list[Measurement] = []
+
+    def add(self, measurement: Measurement) -> list[OdometryPose]:
+        """Take one measurement in; the poses of the first stretch come all at once at its end."""
+        if self.odometry is not None:
+            return self.odometry.add(measurement)
+        self._held.append(measurement)
+        if not isinstance(measurement, ImuSample):
+            return []
+        first = next(m for m in self._held if isinstance(m, ImuSample))
+        if measurement.stamp_ns - first.stamp_ns < self.settings.start_s * 1e9:
+            return []
+        return self.finish()
+
+    def finish(self) -> list[OdometryPose]:
+        """End the first stretch here, for recordings shorter than it."""
+        imu = [m for m in self._held if isinstance(m, ImuSample)]
+        if self.odometry is not None or len(imu) < 2:
+            return []
+        held, self._held = self._held, []
+        R = rotation_between(np.mean([sample.accel for sample in imu], axis=0), _UP)
+        v, speed = np.zeros(3), _first_speed(held)
+        if speed is not None and self.rig.wheel is not None:
+            v = R @ self.rig.wheel.T_imu_wheel[:3, 0] * speed
+        poses: list[OdometryPose] = []
+        for _ in range(_PASSES):
+            self.odometry = Odometry(self.rig, self.settings, self._filter(R, v, imu[0].stamp_ns))
+            poses = [pose for m in held if _usable(m, imu[0].stamp_ns) for pose in self.odometry.add(m)]
+            R, v = _refined(R, v, poses, imu[0].stamp_ns)
+        return poses
+
+    def _filter(self, R: Array, v: Array, stamp_ns: int) -> ErrorStateFilter:
+        rig, s = self.rig, self.settings
+        state = NavState(
+            R=R.copy(), p=np.zeros(3), v=v.copy(), gyro_bias=np.zeros(3), accel_bias=np.zeros(3), g=-GRAVITY * _UP,
+            T_imu_lidar=rig.lidar.T_imu_lidar if rig.lidar else np.eye(4),
+            T_imu_tag=se3(np.eye(3), rig.uwb.p_imu_tag) if rig.uwb else np.eye(4),
+            T_imu_wheel=rig.wheel.T_imu_wheel if rig.wheel else np.eye(4),
+            T_odom_clone=np.eye(4),
+        )  # fmt: skip
+        P = start_covariance(
+            rig.imu, tilt_std=s.start_tilt_std, velocity_std=s.start_velocity_std, g=state.g
+        )
+        return ErrorStateFilter(state, P, stamp_ns, rig.imu)
+
+
+def _usable(m: Measurement, begin_ns: int) -> bool:
+    return not isinstance(m, Scan) or m.stamp_ns + int(m.offsets_ns.min(initial=0)) >= begin_ns
+
+
+def _first_speed(held: list[Measurement]) -> float | None:
+    return next((m.speed for m in held if isinstance(m, WheelSpeed)), None)
+
+
+def _refined(R: Array, v: Array, poses: list[OdometryPose], begin_ns: int) -> tuple[Array, Array]:
+    """Start attitude and velocity that the first stretch ended up with: its vertical, and the slope of its track."""
+    if len(poses) < 4:
+        return R, v
+    t = np.array([(pose.stamp_ns - begin_ns) * 1e-9 for pose in poses])
+    p = np.array([pose.state.p for pose in poses])
+    slope = np.polynomial.polynomial.polyfit(t, p, 2)[1]
+    level = rotation_between(-poses[-1].state.g, _UP)
+    return level @ R, level @ slope

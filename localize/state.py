@@ -1,0 +1,93 @@
+"""The navigation state and the layout of its error (paper 000 Eq. 2, with the last keyframe's pose beside it)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from semmap.geometry import Array, se3, so3_exp, so3_log
+
+ROTATION = slice(0, 3)
+POSITION = slice(3, 6)
+VELOCITY = slice(6, 9)
+GYRO_BIAS = slice(9, 12)
+ACCEL_BIAS = slice(12, 15)
+GRAVITY = slice(15, 18)
+LIDAR = slice(18, 24)
+TAG = slice(24, 30)
+WHEEL = slice(30, 36)
+CLONE = slice(36, 42)
+ERROR_DIM = 42
+"""36 as in paper 000, and 6 of the last keyframe's pose, whose correlation with the present gives the relative
+pose covariance between keyframes."""
+
+
+@dataclass(slots=True)
+class NavState:
+    """What the filter estimates. Extrinsics are (4, 4); the error of each pose is ``[θ, δp]`` with ``R Exp(θ)``, ``p + δp``.
+
+    R, p, v : attitude, position [m] and velocity [m/s] of the imu in odom.
+    gyro_bias [rad/s], accel_bias [m/s²], g : gravity in odom [m/s²].
+    """
+
+    R: Array
+    p: Array
+    v: Array
+    gyro_bias: Array
+    accel_bias: Array
+    g: Array
+    T_imu_lidar: Array
+    T_imu_tag: Array
+    T_imu_wheel: Array
+    T_odom_clone: Array
+
+    @property
+    def T_odom_imu(self) -> Array:
+        """Pose (4, 4) of the imu."""
+        return se3(self.R, self.p)
+
+    def copy(self) -> NavState:
+        """A state of its own arrays."""
+        return NavState(**{name: getattr(self, name).copy() for name in self.__slots__})
+
+    def boxplus(self, delta: Array) -> NavState:
+        """The state moved by an error (42,); gravity keeps its length, which is known (PAPERS: 000)."""
+        g = self.g + delta[GRAVITY]
+        return NavState(
+            R=self.R @ so3_exp(delta[ROTATION]),
+            p=self.p + delta[POSITION],
+            v=self.v + delta[VELOCITY],
+            gyro_bias=self.gyro_bias + delta[GYRO_BIAS],
+            accel_bias=self.accel_bias + delta[ACCEL_BIAS],
+            g=g * (np.linalg.norm(self.g) / np.linalg.norm(g)),
+            T_imu_lidar=_pose_plus(self.T_imu_lidar, delta[LIDAR]),
+            T_imu_tag=_pose_plus(self.T_imu_tag, delta[TAG]),
+            T_imu_wheel=_pose_plus(self.T_imu_wheel, delta[WHEEL]),
+            T_odom_clone=_pose_plus(self.T_odom_clone, delta[CLONE]),
+        )
+
+    def boxminus(self, other: NavState) -> Array:
+        """The error (42,) that takes ``other`` to this state: ``other.boxplus(self.boxminus(other)) = self``."""
+        return np.concatenate(
+            [
+                so3_log(other.R.T @ self.R),
+                self.p - other.p,
+                self.v - other.v,
+                self.gyro_bias - other.gyro_bias,
+                self.accel_bias - other.accel_bias,
+                self.g - other.g,
+                _pose_minus(self.T_imu_lidar, other.T_imu_lidar),
+                _pose_minus(self.T_imu_tag, other.T_imu_tag),
+                _pose_minus(self.T_imu_wheel, other.T_imu_wheel),
+                _pose_minus(self.T_odom_clone, other.T_odom_clone),
+            ]
+        )
+
+
+def _pose_plus(T: Array, delta: Array) -> Array:
+    return se3(T[:3, :3] @ so3_exp(delta[:3]), T[:3, 3] + delta[3:])
+
+
+def _pose_minus(T: Array, other: Array) -> Array:
+    return np.concatenate([so3_log(other[:3, :3].T @ T[:3, :3]), T[:3, 3] - other[:3, 3]])
