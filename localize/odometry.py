@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from localize.filter import ErrorStateFilter, InertialTrack, joined
 from localize.lidar import PointToPlane
-from localize.settings import OdometrySettings
+from localize.settings import KeyframeSettings, OdometrySettings
 from localize.state import NavState
 from localize.voxel_map import VoxelMap, voxel_means
 from localize.wheel import WheelVelocity
-from semmap.geometry import Array, transform
+from semmap.geometry import Array, inverse, rotation_angle, transform
 from semmap.measurements import ImuSample, Measurement, Scan, WheelSpeed
 from semmap.rig import Rig
 
@@ -29,6 +29,8 @@ class OdometryPose:
     stamp_ns : time of the scan's end. T_odom_imu : (4, 4). covariance : (42, 42), order of `localize.state`.
     state : the whole state. points : (n, 3) float32 deskewed, in the imu frame; empty without a scan.
     matched : scan points that met a plane; considered : scan points tried.
+    keyframe : whether the filter moved far enough since the last one (paper 004 Eq. 8, 9).
+    since_keyframe : (6, 6) covariance of the pose relative to the last keyframe, rotation first, perturbed on the right.
     """
 
     stamp_ns: int
@@ -37,9 +39,12 @@ class OdometryPose:
     points: NDArray[np.float32]
     matched: int
     considered: int
+    keyframe: bool
+    since_keyframe: Array
 
     @property
     def T_odom_imu(self) -> Array:
+        """Pose (4, 4)."""
         return self.state.T_odom_imu
 
 
@@ -50,8 +55,10 @@ class Odometry:
     later is dropped and counted in ``dropped``.
     """
 
-    def __init__(self, rig: Rig, settings: OdometrySettings, start: ErrorStateFilter) -> None:
-        self.rig, self.settings, self.filter = rig, settings, start
+    def __init__(
+        self, rig: Rig, settings: OdometrySettings, keyframes: KeyframeSettings, start: ErrorStateFilter
+    ) -> None:
+        self.rig, self.settings, self.keyframes, self.filter = rig, settings, keyframes, start
         self.voxels = VoxelMap(settings.voxel_size, max_points=settings.voxel_points)
         self.dropped: dict[str, int] = {}
         self.slips = 0
@@ -60,6 +67,7 @@ class Odometry:
         self._wheel: list[WheelSpeed] = []
         self._scans: list[Scan] = []
         self._last_wheel_ns = -(1 << 62)
+        self._any_keyframe = False
 
     def add(self, measurement: Measurement) -> list[OdometryPose]:
         """Take one measurement in; returns the poses that became known (usually none or one)."""
@@ -119,9 +127,23 @@ class Odometry:
             matched, considered = self._match(deskewed)
             points = transform(self.filter.state.T_imu_lidar, deskewed)
             self.voxels.insert(transform(self.filter.state.T_odom_imu, points))
+        keyframe, since_keyframe = self._keyframe_rule()
         return OdometryPose(
-            end_ns, self.filter.state.copy(), self.filter.P.copy(), points.astype(np.float32), matched, considered
-        )
+            end_ns, self.filter.state.copy(), self.filter.P.copy(), points.astype(np.float32), matched, considered,
+            keyframe, since_keyframe,
+        )  # fmt: skip
+
+    def _keyframe_rule(self) -> tuple[bool, Array]:
+        """Whether this pose is a keyframe (paper 004 Eq. 8, 9; the first is), and its covariance since the last one."""
+        s, covariance = self.filter.state, self.filter.covariance_since_clone()
+        dT = inverse(s.T_odom_clone) @ s.T_odom_imu
+        moved = np.linalg.norm(dT[:3, 3]) > self.keyframes.distance
+        turned = rotation_angle(dT[:3, :3]) > self.keyframes.angle
+        if not (moved or turned or not self._any_keyframe):
+            return False, covariance
+        self._any_keyframe = True
+        self.filter.clone_pose()
+        return True, covariance
 
     def _propagate(self, end_ns: int) -> InertialTrack:
         tracks = []

@@ -38,7 +38,77 @@ class OdometrySettings(Settings):
     """What is known of the vertical from the first stretch's accelerometer [rad]."""
 
 
+class KeyframeSettings(Settings):
+    """When a scan becomes a keyframe (paper 004 Eq. 8, 9), and how many are stacked (Eq. 20)."""
+
+    distance: PositiveFloat = 1.0
+    """Least distance to the last keyframe, ε_t [m]."""
+    angle: PositiveFloat = 0.35
+    """Least angle to the last keyframe, ε_θ [rad]."""
+    stacked: PositiveInt = 15
+    """Keyframes stacked for the descriptors, N_his."""
+    voxel: PositiveFloat = 0.15
+    """Keyframe clouds are averaged over voxels of this edge [m]."""
+
+
+class MatcherSettings(Settings):
+    """From an observed intersection to one of the database (paper 004 section 3.2, steps 3 to 8)."""
+
+    min_pwcv: float = Field(0.6, ge=0.0, le=1.0)
+    """Least PWCV similarity of a candidate, ε_pwcv."""
+    candidates: PositiveInt = 5
+    """Candidates that go on to the CWC comparison, at the most."""
+    min_cwc: float = Field(0.5, ge=0.0, le=1.0)
+    """Least CWC similarity of a match."""
+    consecutive: PositiveInt = 3
+    """Keyframes that must agree on one intersection, ε_same."""
+    search_radius: PositiveFloat = 15.0
+    """With a pose known, candidates lie within this of where the intersection is seen, beside 3 sigma [m]."""
+
+
+class VerificationSettings(Settings):
+    """The ICP check (paper 004 section 3.2, step 9)."""
+
+    radius: PositiveFloat = 12.0
+    """Points around the intersection that are compared [m]."""
+    voxel: PositiveFloat = 0.25
+    max_distance: PositiveFloat = 0.3
+    """A point further than this from the map does not fit [m]."""
+    min_fit: float = Field(0.85, ge=0.0, le=1.0)
+    """Least part of the points that fits."""
+    min_lead: float = Field(0.08, ge=0.0, le=1.0)
+    """Least lead of the fit over the best other place."""
+    max_icp_distance: PositiveFloat = 0.15
+    """ε_icp: greatest root mean square distance of the points that fit [m]."""
+    point_std: PositiveFloat = 0.05
+    """Sensor and map noise of one pair of points [m]."""
+    agreement: PositiveFloat = 1.0
+    """Places found from different keyframes must be this close in odom [m]."""
+
+
+class GraphSettings(Settings):
+    """The pose graph."""
+
+    drift_position: PositiveFloat = 0.004
+    """Odometry error that no covariance tells, per square root of a metre [m]."""
+    drift_rotation: PositiveFloat = 0.0007
+    """The same of the attitude [rad]."""
+    pin_position: PositiveFloat = 0.02
+    """Least standard deviation of a pin [m]: what map and sensor can do."""
+    pin_rotation: PositiveFloat = 0.003
+    """Least standard deviation of a pin [rad]."""
+    anchor_std: PositiveFloat = 0.01
+    """Survey of the UWB anchors [m]."""
+    huber_sigmas: PositiveFloat = 1.5
+    max_innovation: PositiveFloat = 5.0
+    """Ranges and fixes off by more sigmas than this are refused."""
+
+
 class LocalizeSettings(Settings):
     """All of the online side."""
 
     odometry: OdometrySettings = Field(default_factory=OdometrySettings)
+    keyframes: KeyframeSettings = Field(default_factory=KeyframeSettings)
+    matcher: MatcherSettings = Field(default_factory=MatcherSettings)
+    verification: VerificationSettings = Field(default_factory=VerificationSettings)
+    graph: GraphSettings = Field(default_factory=GraphSettings)

@@ -6,7 +6,7 @@ import numpy as np
 
 from localize.filter import ErrorStateFilter, start_covariance
 from localize.odometry import Odometry, OdometryPose
-from localize.settings import OdometrySettings
+from localize.settings import KeyframeSettings, OdometrySettings
 from localize.state import NavState
 from semmap.geometry import Array, rotation_between, se3
 from semmap.measurements import ImuSample, Measurement, Scan, WheelSpeed
@@ -25,8 +25,8 @@ class StartingOdometry:
     what is left of the lean is in the state's gravity.
     """
 
-    def __init__(self, rig: Rig, settings: OdometrySettings) -> None:
-        self.rig, self.settings = rig, settings
+    def __init__(self, rig: Rig, settings: OdometrySettings, keyframes: KeyframeSettings) -> None:
+        self.rig, self.settings, self.keyframes = rig, settings, keyframes
         self.odometry: Odometry | None = None
         self._held: list[Measurement] = []
 
@@ -54,7 +54,7 @@ class StartingOdometry:
             v = R @ self.rig.wheel.T_imu_wheel[:3, 0] * speed
         poses: list[OdometryPose] = []
         for _ in range(_PASSES):
-            self.odometry = Odometry(self.rig, self.settings, self._filter(R, v, imu[0].stamp_ns))
+            self.odometry = Odometry(self.rig, self.settings, self.keyframes, self._filter(R, v, imu[0].stamp_ns))
             poses = [pose for m in held if _usable(m, imu[0].stamp_ns) for pose in self.odometry.add(m)]
             R, v = _refined(R, v, poses, imu[0].stamp_ns)
         return poses
