@@ -63,7 +63,9 @@ class ImuBlock(SensorBlock):
 class LidarBlock(SensorBlock):
     """LiDAR: ranges outside [min_range, max_range] are dropped; beams, columns and fov serve the simulator.
 
-    ``time_field`` and ``time_unit`` override what the reader finds out about the points' time stamps.
+    ``time_field``, ``time_unit`` and ``time_reference`` override what the reader finds out about the points' time
+    stamps: ``time_field: none`` means the clouds are deskewed, and times count ``relative`` to the header stamp,
+    ``absolute`` on its clock, or on the sensor's own clock with the ``first`` point at the header stamp.
     """
 
     p_imu_lidar: Vector3
@@ -76,7 +78,7 @@ class LidarBlock(SensorBlock):
     range_std: PositiveFloat = 0.02
     time_field: str | None = None
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
-    time_reference: Literal["relative", "absolute"] | None = None
+    time_reference: Literal["relative", "absolute", "first"] | None = None
 
     @property
     def T_imu_lidar(self) -> Array:
