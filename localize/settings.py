@@ -86,6 +86,23 @@ class VerificationSettings(Settings):
     """Places found from different keyframes must be this close in odom [m]."""
 
 
+class SightingSettings(Settings):
+    """UWB ranges and prism fixes."""
+
+    interval_s: PositiveFloat = 0.5
+    """Readings of one anchor, or of the prism, closer than this are skipped [s]."""
+    window: PositiveInt = 400
+    """Sightings that the first alignment looks at, at the most."""
+    align_yaw_std: PositiveFloat = 0.03
+    """The first alignment must be this sure of the heading [rad]."""
+    align_position_std: PositiveFloat = 0.2
+    """The first alignment must be this sure of the place [m]."""
+    max_innovation: PositiveFloat = 4.0
+    """A sighting off by more sigmas than this is refused."""
+    min_gate: PositiveFloat = 0.3
+    """A sighting off by less than this is not refused [m]."""
+
+
 class GraphSettings(Settings):
     """The pose graph."""
 
@@ -100,8 +117,6 @@ class GraphSettings(Settings):
     anchor_std: PositiveFloat = 0.01
     """Survey of the UWB anchors [m]."""
     huber_sigmas: PositiveFloat = 1.5
-    max_innovation: PositiveFloat = 5.0
-    """Ranges and fixes off by more sigmas than this are refused."""
 
 
 class LocalizeSettings(Settings):
@@ -111,4 +126,5 @@ class LocalizeSettings(Settings):
     keyframes: KeyframeSettings = Field(default_factory=KeyframeSettings)
     matcher: MatcherSettings = Field(default_factory=MatcherSettings)
     verification: VerificationSettings = Field(default_factory=VerificationSettings)
+    sightings: SightingSettings = Field(default_factory=SightingSettings)
     graph: GraphSettings = Field(default_factory=GraphSettings)

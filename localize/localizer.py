@@ -1,0 +1,262 @@
+"""The online way of paper 004: measurements in, a pose in the map out, at every scan."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from localize.graph import PoseGraph
+from localize.keyframes import Keyframe, Keyframes
+from localize.matcher import IntersectionMatcher, Recognition
+from localize.odometry import OdometryPose
+from localize.results import Event, LocalizationResult, State, Update
+from localize.settings import LocalizeSettings
+from localize.sightings import Sighting, Sightings
+from localize.smoothing import smoothed
+from localize.start import StartingOdometry
+from semmap.geometry import Array, adjoint, inverse, rotation_between, se3, transform
+from semmap.intersections import SemanticMap
+from semmap.measurements import Measurement, PrismFix, UwbRange
+from semmap.rig import Rig
+from semmap.trajectory import Trajectory
+
+_UP = np.array([0.0, 0.0, 1.0])
+_ROUND_M = 1000.0
+"""Map coordinates are worked with relative to a multiple of this."""
+
+
+class Localizer:
+    """Localizes one robot against a semantic map; the same object serves a file, a live feed and a test.
+
+    Parameters
+    ----------
+    rig : the sensors; blocks that are absent are not used.
+    semantic_map : the database, or None for odometry (with UWB or a total station in the rig: in the map all the same).
+    settings : `LocalizeSettings`.
+
+    What enters where, each measurement once:
+
+    ==============  ======================  ==========================================
+    measurement     filter                  graph
+    ==============  ======================  ==========================================
+    IMU             propagation             -
+    LiDAR scan      point to local map      - (its effect comes as relative poses)
+    wheel speed     velocity at the wheel   - (likewise)
+    UWB range       -                       range to the anchor
+    prism fix       -                       position with lever arm
+    intersection    -                       pose from ICP to the database's cloud
+    ==============  ======================  ==========================================
+    """
+
+    def __init__(
+        self, rig: Rig, semantic_map: SemanticMap | None = None, settings: LocalizeSettings | None = None
+    ) -> None:
+        self.rig, self.settings = rig, settings or LocalizeSettings()
+        self._shift = _round_origin(rig, semantic_map)
+        self._odometry = StartingOdometry(rig, self.settings.odometry, self.settings.keyframes)
+        self._keyframes = Keyframes(self.settings.keyframes)
+        self._graph = PoseGraph(self.settings.graph)
+        self._sightings = Sightings(rig, self.settings.sightings, self._shift)
+        self._matcher = IntersectionMatcher(semantic_map, self.settings, self._shift) if semantic_map else None
+        self._referenced = semantic_map is not None or rig.uwb is not None or rig.total_station is not None
+        self._newest: Keyframe | None = None
+        self._covariance = np.eye(6)
+        self._state: State = "unknown"
+        self._odometry_track: list[tuple[int, Array]] = []
+        self._realtime_track: list[tuple[int, Array]] = []
+        self._keyframe_track: list[tuple[int, Array]] = []
+        self._events: list[Event] = []
+        self._counts: dict[str, int] = {"scans": 0, "keyframes": 0, "intersections_seen": 0, "pins": 0}
+        self._recognised: set[int] = set()
+        self._pins_dirty = False
+
+    def add(self, measurement: Measurement) -> Update | None:
+        """Take one measurement in, in order of arrival; returns an update when a scan was completed by it."""
+        if isinstance(measurement, UwbRange | PrismFix):
+            self._sightings.add(measurement)
+            return None
+        update = None
+        for pose in self._odometry.add(measurement):
+            update = self._reached(pose)
+        return update
+
+    def finish(self) -> LocalizationResult:
+        """End the run: smooth the whole track and hand everything over."""
+        for pose in self._odometry.finish():
+            self._reached(pose)
+        odometry = _trajectory("odom", self._odometry_track)
+        frame = "map" if self._referenced else "odom"
+        trajectory = odometry
+        if self._graph.anchored:
+            keyframe_poses = _shifted(self._graph.poses(), self._shift)
+            trajectory = smoothed(odometry, np.array([s for s, _ in self._keyframe_track], np.int64), keyframe_poses)
+        elif self._referenced:
+            trajectory = _trajectory("map", [])
+        realtime = _trajectory(frame, self._realtime_track)
+        return LocalizationResult(trajectory, realtime, odometry, tuple(self._events), self._summary())
+
+    def _reached(self, pose: OdometryPose) -> Update:
+        """The steps of paper 004 section 3 for one scan."""
+        self._odometry_track.append((pose.stamp_ns, pose.T_odom_imu))
+        self._counts["scans"] += 1
+        if pose.keyframe:
+            self._newest = self._add_keyframe(pose)
+            self._recognise_intersection(self._newest)
+        self._take_sightings(pose)
+        if self._pins_dirty:
+            self._solve()
+        return self._publish(pose)
+
+    def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
+        keyframe = self._keyframes.add(pose)
+        self._graph.add_keyframe(keyframe.T_odom_imu, self._link_covariance(pose))
+        self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
+        self._counts["keyframes"] += 1
+        if self._graph.anchored:
+            self._pins_dirty = True
+        return keyframe
+
+    def _link_covariance(self, pose: OdometryPose) -> Array:
+        """Covariance of a relative pose: the filter's own, and the drift that no filter with a map of its own can see."""
+        g = self.settings.graph
+        length = self.settings.keyframes.distance
+        drift = np.repeat([g.drift_rotation, g.drift_position], 3) ** 2 * length
+        covariance: Array = pose.since_keyframe + np.diag(drift)
+        return covariance
+
+    def _recognise_intersection(self, keyframe: Keyframe) -> None:
+        if self._matcher is None:
+            return
+        guess = self._T_map_odom() if self._graph.anchored else None
+        std = float(np.sqrt(np.trace(self._covariance[3:, 3:]))) if guess is not None else np.inf
+        recognition = self._matcher.recognise(self._keyframes.stack(), keyframe, guess, std)
+        self._events.extend(recognition.events)
+        self._counts["intersections_seen"] += recognition.seen
+        if recognition.contradicts and self._state == "tracking":
+            self._set_state("suspect", keyframe.stamp_ns, "an intersection fits elsewhere")
+        if recognition.pins:
+            self._pin_intersection(recognition)
+
+    def _pin_intersection(self, recognition: Recognition) -> None:
+        if not self._graph.anchored:
+            last = recognition.pins[-1]
+            self._anchor(last.T_map_imu @ inverse(self._keyframe_track[last.keyframe][1]), "intersection")
+        for pin in recognition.pins:
+            self._graph.pin_pose(pin.keyframe, pin.T_map_imu, pin.covariance)
+            self._recognised.add(pin.intersection)
+            self._counts["pins"] += 1
+        self._pins_dirty = True
+        self._set_state("tracking", self._keyframe_track[-1][0], "intersection proven")
+
+    def _take_sightings(self, pose: OdometryPose) -> None:
+        sightings = self._sightings.reached(pose.stamp_ns, pose.T_odom_imu)
+        if not sightings or self._newest is None:
+            return
+        if self._graph.anchored:
+            for sighting in sightings:
+                self._pin_sighting(sighting)
+            return
+        R_level_odom = rotation_between(self._newest.up_odom, _UP)
+        alignment = self._sightings.align(R_level_odom)
+        if alignment is not None:
+            self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), "ranges and fixes")
+            for sighting in self._sightings.kept:
+                self._pin_sighting(sighting, gate=False)
+            self._solve()
+            self._set_state("tracking", pose.stamp_ns, "aligned by ranges and fixes")
+
+    def _pin_sighting(self, sighting: Sighting, *, gate: bool = True) -> None:
+        """A range or fix as a factor on the keyframe before it, if it fits what is known (paper 000, preliminary check)."""
+        stamps = [stamp for stamp, _ in self._keyframe_track]
+        index = max(0, int(np.searchsorted(stamps, sighting.stamp_ns, side="right")) - 1)
+        p_imu = transform(inverse(self._keyframe_track[index][1]), sighting.p_odom[None])[0]
+        predicted = transform(self._graph.pose(index), p_imu[None])[0]
+        error = predicted - sighting.p_map
+        off = abs(np.linalg.norm(error) - sighting.distance)
+        s = self.settings.sightings
+        std = float(np.hypot(sighting.std, np.sqrt(np.trace(self._covariance[3:, 3:]))))
+        if gate and off > max(s.min_gate, s.max_innovation * std):
+            kind = "prism" if sighting.anchor is None else "range"
+            self._event(sighting.stamp_ns, f"{kind}_refused", anchor=sighting.anchor, off_m=float(off))
+            return
+        if sighting.anchor is None:
+            variance = sighting.std**2 + self.settings.graph.drift_position**2
+            self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3))
+        else:
+            self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, sighting.distance, sighting.std)
+        self._counts["pins"] += 1
+        self._pins_dirty = True
+
+    def _anchor(self, T_map_odom: Array, by: str) -> None:
+        self._graph.anchor(T_map_odom)
+        self._event(self._keyframe_track[-1][0], "anchored", by=by)
+
+    def _solve(self) -> None:
+        self._graph.solve()
+        self._covariance = self._graph.covariance(len(self._graph) - 1)
+        self._pins_dirty = False
+
+    def _T_map_odom(self) -> Array:
+        index = len(self._graph) - 1
+        return self._graph.pose(index) @ inverse(self._keyframe_track[index][1])
+
+    def _publish(self, pose: OdometryPose) -> Update:
+        """What is known now; nothing in the map while that is unknown or in doubt."""
+        T_map_imu = covariance = None
+        if not self._referenced:
+            self._realtime_track.append((pose.stamp_ns, pose.T_odom_imu))
+        elif self._graph.anchored and self._state == "tracking" and self._newest is not None:
+            since = inverse(self._newest.T_odom_imu) @ pose.T_odom_imu
+            T_map_imu = _shifted((self._graph.pose(len(self._graph) - 1) @ since)[None], self._shift)[0]
+            carried = adjoint(inverse(since))
+            covariance = carried @ self._covariance @ carried.T
+            if not pose.keyframe:
+                covariance = covariance + pose.since_keyframe
+            self._realtime_track.append((pose.stamp_ns, T_map_imu))
+        return Update(pose.stamp_ns, pose.T_odom_imu, T_map_imu, covariance, self._state)
+
+    def _set_state(self, state: State, stamp_ns: int, why: str) -> None:
+        if state != self._state:
+            self._event(stamp_ns, "state", before=self._state, after=state, why=why)
+            self._state = state
+
+    def _event(self, stamp_ns: int, kind: str, **data: Any) -> None:
+        self._events.append({"stamp_ns": int(stamp_ns), "kind": kind, **data})
+
+    def _summary(self) -> dict[str, Any]:
+        engine = self._odometry.odometry
+        return {
+            **self._counts,
+            "intersections_recognised": sorted(self._recognised),
+            "dropped": dict(engine.dropped) if engine else {},
+            "wheel_slips": engine.slips if engine else 0,
+            "unknown_anchors": sorted(self._sightings.unknown_anchors),
+            "state": self._state,
+            "anchored": self._graph.anchored,
+        }
+
+
+def _round_origin(rig: Rig, semantic_map: SemanticMap | None) -> Array:
+    """A round point near everything surveyed (3,), so that the graph works with small numbers."""
+    if semantic_map is not None:
+        return np.asarray(semantic_map.origin, dtype=np.float64)
+    if rig.uwb is not None:
+        surveyed = np.mean(list(rig.uwb.anchors.values()), axis=0)
+    elif rig.total_station is not None:
+        surveyed = np.array(rig.total_station.position)
+    else:
+        return np.zeros(3)
+    rounded: Array = _ROUND_M * np.round(surveyed / _ROUND_M)
+    return rounded
+
+
+def _shifted(poses: Array, shift: Array) -> Array:
+    moved = poses.copy()
+    moved[:, :3, 3] += shift
+    return moved
+
+
+def _trajectory(frame: str, track: list[tuple[int, Array]]) -> Trajectory:
+    stamps = np.array([stamp for stamp, _ in track], np.int64)
+    return Trajectory(frame, stamps, np.array([pose for _, pose in track]).reshape(-1, 4, 4))

@@ -1,0 +1,79 @@
+"""Alignment of odom with the map from ranges or fixes: right, or silent."""
+
+import numpy as np
+import pytest
+
+from localize.anchoring import align_fixes, align_ranges
+from semmap.geometry import transform, yaw_rotation
+
+# the anchors of paper 000's experiment
+ANCHORS = np.array([[11.376, 1.694, 2.249], [16.678, 1.769, 2.247], [16.550, -1.453, 2.224], [11.510, -1.532, 0.115]])
+
+
+def track(n=120):
+    s = np.linspace(0.0, 1.0, n)
+    return np.stack([10.0 * s, 1.2 * np.sin(4.0 * s), 0.1 * s], axis=1)
+
+
+def ranges(T_map_level, rng, *, outliers=0.0, std=0.06):
+    p = track()
+    anchors = ANCHORS[np.arange(len(p)) % 4]
+    distances = np.linalg.norm(transform(T_map_level, p) - anchors, axis=1) + rng.normal(size=len(p)) * std
+    distances[rng.random(len(p)) < outliers] += 2.0
+    return p, anchors, distances
+
+
+@pytest.mark.parametrize("yaw", [-3.0, -1.5, 0.0, 1.0, 2.5])
+@pytest.mark.parametrize("outliers", [0.0, 0.1])
+def test_ranges_align_from_any_heading(yaw, outliers):
+    rng = np.random.default_rng(5)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = yaw_rotation(yaw), [12.0, -0.2, 0.9]
+    found = align_ranges(*ranges(T, rng, outliers=outliers), 0.06)
+    assert found is not None
+    middle = track().mean(axis=0)[None]
+    error = np.linalg.norm(transform(found.T_map_level, middle) - transform(T, middle))
+    assert error < 0.15 and error < 4.0 * found.position_std
+    assert abs(np.angle(np.exp(1j * (np.arctan2(*found.T_map_level[[1, 0], 0]) - yaw)))) < 4.0 * found.yaw_std
+
+
+def test_straight_track_beside_anchors_in_line_is_not_believed():
+    """The mirror image fits as well."""
+    rng = np.random.default_rng(0)
+    p = np.stack([np.linspace(0, 10, 80), np.zeros(80), np.zeros(80)], axis=1)
+    anchors = np.array([[2.0, 2.0, 1.0], [6.0, 2.0, 1.0], [10.0, 2.0, 1.0]])[np.arange(80) % 3]
+    distances = np.linalg.norm(p - anchors, axis=1) + rng.normal(size=80) * 0.05
+    found = align_ranges(p, anchors, distances, 0.05)
+    assert found is None or not found.sure(yaw_std=0.03, position_std=0.2)
+
+
+def test_mostly_blocked_ranges_are_not_believed():
+    rng = np.random.default_rng(1)
+    p, anchors, distances = ranges(np.eye(4), rng, outliers=0.0)
+    distances += rng.uniform(0.0, 4.0, size=len(distances))
+    found = align_ranges(p, anchors, distances, 0.06)
+    assert found is None
+
+
+def test_too_few_ranges_or_anchors_say_nothing():
+    rng = np.random.default_rng(2)
+    p, anchors, distances = ranges(np.eye(4), rng)
+    assert align_ranges(p[:8], anchors[:8], distances[:8], 0.06) is None
+    assert align_ranges(p, np.repeat(ANCHORS[:1], len(p), axis=0), distances, 0.06) is None
+
+
+def test_fixes_align():
+    rng = np.random.default_rng(3)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = yaw_rotation(2.0), [5.0, 6.0, 7.0]
+    found = align_fixes(track(), transform(T, track()) + rng.normal(size=(120, 3)) * 0.002, 0.002)
+    assert found is not None and found.sure(yaw_std=0.01, position_std=0.05)
+    np.testing.assert_allclose(found.T_map_level, T, atol=5e-3)
+
+
+def test_fixes_that_do_not_fit_or_do_not_move_are_not_believed():
+    rng = np.random.default_rng(4)
+    assert align_fixes(track(), rng.normal(size=(120, 3)) * 5.0, 0.002) is None
+    still = np.zeros((50, 3))
+    found = align_fixes(still, still + 1.0, 0.002)
+    assert found is None

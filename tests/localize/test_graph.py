@@ -1,0 +1,139 @@
+"""The pose graph on simulated keyframes: exact without noise, honest about its errors with it."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from localize.graph import PoseGraph
+from localize.settings import GraphSettings
+from localize.smoothing import smoothed
+from semmap.geometry import inverse, se3, se3_exp, se3_log, so3_exp, transform, yaw_rotation
+from semmap.trajectory import Trajectory
+
+LINK = np.diag(np.repeat([0.002, 0.02], 3) ** 2)
+PIN = np.diag(np.repeat([0.003, 0.03], 3) ** 2)
+
+
+def drive(n=40):
+    """True keyframe poses in the map: a winding drive with some slope."""
+    poses = [se3(yaw_rotation(0.4), [100.0, -50.0, 3.0])]
+    for k in range(n - 1):
+        poses.append(poses[-1] @ se3_exp([0.01, -0.02, 0.1 * np.sin(k / 5), 1.0, 0.0, 0.02]))
+    return np.array(poses)
+
+
+def odometry(truth, rng=None):
+    """Dead-reckoned poses in odom with link noise."""
+    poses = [np.eye(4)]
+    for a, b in zip(truth, truth[1:], strict=False):
+        noise = np.zeros(6) if rng is None else rng.multivariate_normal(np.zeros(6), LINK)
+        poses.append(poses[-1] @ inverse(a) @ b @ se3_exp(noise))
+    return np.array(poses)
+
+
+def graph_of(track):
+    graph = PoseGraph(GraphSettings())
+    for T in track:
+        graph.add_keyframe(T, LINK)
+    return graph
+
+
+def test_no_map_frame_before_it_is_anchored():
+    graph = graph_of(odometry(drive(5)))
+    assert not graph.anchored and len(graph) == 5
+
+
+def test_one_exact_pin_places_the_whole_track():
+    truth = drive()
+    graph = graph_of(odometry(truth))
+    graph.anchor(truth[20])  # a poor first guess
+    graph.pin_pose(20, truth[20], PIN)
+    graph.solve(steps=4)
+    np.testing.assert_allclose(graph.poses(), truth, atol=1e-6)
+
+
+def test_keyframes_after_the_anchor_continue_the_track():
+    truth = drive()
+    track = odometry(truth)
+    graph = graph_of(track[:10])
+    graph.anchor(truth[0])
+    graph.pin_pose(3, truth[3], PIN)
+    graph.solve()
+    for T in track[10:]:
+        graph.add_keyframe(T, LINK)
+    graph.solve()
+    np.testing.assert_allclose(graph.poses(), truth, atol=1e-6)
+
+
+def test_positions_with_lever_arm_place_the_track():
+    truth, lever = drive(), np.array([0.3, -0.2, 0.5])
+    graph = graph_of(odometry(truth))
+    graph.anchor(truth[0] @ se3_exp([0, 0, 0.05, 0.5, 0.5, 0.0]))
+    for k in range(0, 40, 3):
+        graph.pin_position(k, lever, transform(truth[k], lever[None])[0], 1e-4 * np.eye(3))
+    graph.solve(steps=6)
+    np.testing.assert_allclose(graph.poses()[:, :3, 3], truth[:, :3, 3], atol=1e-4)
+
+
+def test_ranges_to_anchors_place_the_track():
+    truth, lever = drive(), np.array([0.0, 0.1, 0.4])
+    anchors = {7: np.array([105.0, -45.0, 5.0]), 9: np.array([120.0, -60.0, 2.0]), 11: np.array([130.0, -30.0, 6.0]),
+               12: np.array([112.0, -20.0, 0.0])}  # fmt: skip
+    graph = graph_of(odometry(truth))
+    graph.anchor(truth[0] @ se3_exp([0, 0, 0.05, 0.5, 0.5, 0.0]))
+    for k in range(40):
+        for anchor, p in anchors.items():
+            distance = np.linalg.norm(transform(truth[k], lever[None])[0] - p)
+            graph.pin_range(k, lever, anchor, p, distance, 0.05)
+    graph.solve(steps=8)
+    np.testing.assert_allclose(graph.poses()[:, :3, 3], truth[:, :3, 3], atol=2e-2)
+
+
+def test_one_wrong_pin_among_right_ones_is_held_down():
+    truth = drive()
+    graph = graph_of(odometry(truth))
+    graph.anchor(truth[0])
+    for k in (2, 10, 30, 38):
+        graph.pin_pose(k, truth[k], PIN)
+    graph.pin_pose(20, truth[20] @ se3_exp([0, 0, 0.1, 3.0, 0, 0]), PIN)
+    graph.solve(steps=8)
+    assert np.abs(graph.poses()[:, :3, 3] - truth[:, :3, 3]).max() < 0.15
+
+
+def test_errors_agree_with_the_reported_covariance():
+    """Normalised error squared of the last keyframe over seeds lies in its 95 % bounds."""
+    truth, seeds = drive(30), 60
+    squared = []
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        graph = graph_of(odometry(truth, rng))
+        graph.anchor(truth[0])
+        for k in (4, 12):
+            graph.pin_pose(k, truth[k] @ se3_exp(rng.multivariate_normal(np.zeros(6), PIN)), PIN)
+        graph.solve(steps=4)
+        error = se3_log(inverse(graph.pose(29)) @ truth[29])
+        squared.append(error @ np.linalg.solve(graph.covariance(29), error))
+    low, high = chi2.ppf([0.025, 0.975], 6 * seeds) / seeds
+    # the robust loss trims the tails of the pins a little, hence the wider lower side
+    assert 0.9 * low < np.mean(squared) < 1.1 * high
+
+
+def test_smoothing_carries_corrections_to_every_scan():
+    truth = drive(30)
+    drifted = odometry(truth, np.random.default_rng(1))
+    stamps = np.arange(30, dtype=np.int64) * 100_000_000
+    keyframes = np.arange(0, 30, 5)
+    result = smoothed(Trajectory("odom", stamps, drifted), stamps[keyframes], truth[keyframes])
+    assert result.frame == "map"
+    np.testing.assert_allclose(result.poses[keyframes], truth[keyframes], atol=1e-9)
+    between = np.setdiff1d(np.arange(26), keyframes)
+    assert np.linalg.norm(result.positions[between] - truth[between, :3, 3], axis=1).max() < 0.12
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_smoothing_of_very_short_tracks(n):
+    T = se3(so3_exp([0, 0, 0.2]), [1.0, 2.0, 3.0])
+    stamps = np.arange(n, dtype=np.int64) * 100_000_000
+    poses = np.array([np.eye(4)] * n)
+    result = smoothed(Trajectory("odom", stamps, poses), stamps[:1], T[None])
+    np.testing.assert_allclose(result.poses, np.array([T] * n), atol=1e-12)
