@@ -13,13 +13,19 @@ from semmap.errors import InputFileError
 
 @contextmanager
 def written_whole(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside ``path`` that takes its place when the block ends well and vanishes when it does not."""
+    """A temporary path beside ``path``: takes its place when the block ends well, vanishes when it does not.
+
+    Raises `InputFileError` where the place cannot be written.
+    """
     path = Path(path)
+    if path.is_dir():
+        raise InputFileError("is a directory", file=path, mend="name a file")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
     except OSError as reason:
-        raise InputFileError(f"cannot be written ({reason.strerror})", file=path, mend="choose another --out") from None
+        what = f"cannot be written ({reason.strerror})"
+        raise InputFileError(what, file=path, mend="choose another --out") from None
     os.close(handle)
     temporary = Path(name)
     try:

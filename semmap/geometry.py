@@ -1,6 +1,6 @@
 """Rotations and rigid transforms: SO(3) and SE(3) as plain arrays.
 
-Rotation vectors perturb on the right, ``R Exp(θ)``. Twists are ``[θ, ρ]`` with the rotation first, as in gtsam.
+Rotation vectors perturb on the right, ``R Exp(θ)``. Twists are ``[θ, ρ]``, rotation first, as in gtsam.
 All functions accept leading batch dimensions unless they say otherwise.
 """
 
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 Array = NDArray[np.float64]
 
-_SMALL_ANGLE_RAD = 1e-6
+_SMALL_ANGLE_RAD = 1e-4
 
 
 def skew(v: ArrayLike) -> Array:
@@ -28,14 +28,12 @@ def skew(v: ArrayLike) -> Array:
 def so3_exp(theta: ArrayLike) -> Array:
     """Rotation matrix of a rotation vector [rad]; (..., 3) -> (..., 3, 3)."""
     theta = np.asarray(theta, dtype=np.float64)
-    angle2 = np.sum(theta * theta, axis=-1)[..., None, None]
-    angle = np.sqrt(angle2)
-    small = angle < _SMALL_ANGLE_RAD
-    safe = np.where(small, 1.0, angle)
-    a = np.where(small, 1.0 - angle2 / 6.0, np.sin(safe) / safe)
-    b = np.where(small, 0.5 - angle2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    angle = np.linalg.norm(theta, axis=-1)[..., None, None]
+    a = np.sinc(angle / np.pi)
+    b = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
     K = skew(theta)
-    return np.eye(3) + a * K + b * (K @ K)
+    R: Array = np.eye(3) + a * K + b * (K @ K)
+    return R
 
 
 def so3_log(R: ArrayLike) -> Array:
@@ -48,14 +46,14 @@ def so3_log(R: ArrayLike) -> Array:
 def so3_left_jacobian(theta: ArrayLike) -> Array:
     """Left Jacobian ``J`` of SO(3), ``Exp(θ + δ) ≈ Exp(J δ) Exp(θ)``; (..., 3) -> (..., 3, 3)."""
     theta = np.asarray(theta, dtype=np.float64)
-    angle2 = np.sum(theta * theta, axis=-1)[..., None, None]
-    angle = np.sqrt(angle2)
-    small = angle < 1e-4
+    angle = np.linalg.norm(theta, axis=-1)[..., None, None]
+    small = angle < _SMALL_ANGLE_RAD
     safe = np.where(small, 1.0, angle)
-    b = np.where(small, 0.5 - angle2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
-    c = np.where(small, 1.0 / 6.0 - angle2 / 120.0, (safe - np.sin(safe)) / safe**3)
+    b = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    c = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3)
     K = skew(theta)
-    return np.eye(3) + b * K + c * (K @ K)
+    J: Array = np.eye(3) + b * K + c * (K @ K)
+    return J
 
 
 def se3(R: ArrayLike, p: ArrayLike) -> Array:
@@ -76,7 +74,8 @@ def inverse(T: ArrayLike) -> Array:
 def transform(T: ArrayLike, points: ArrayLike) -> Array:
     """Points (n, 3) taken through one rigid transform (4, 4)."""
     T = np.asarray(T, dtype=np.float64)
-    return np.asarray(points, dtype=np.float64) @ T[:3, :3].T + T[:3, 3]
+    moved: Array = np.asarray(points, dtype=np.float64) @ T[:3, :3].T + T[:3, 3]
+    return moved
 
 
 def se3_exp(xi: ArrayLike) -> Array:
@@ -125,14 +124,14 @@ def yaw_of(R: ArrayLike) -> float:
 
 def rotation_between(a: ArrayLike, b: ArrayLike) -> Array:
     """Smallest rotation R (3, 3) with ``R a ∥ b`` for two non-zero vectors (3,)."""
-    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
-    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    axis, cosine = np.cross(a, b), float(a @ b)
+    u, v = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
+    u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
+    axis, cosine = np.cross(u, v), float(u @ v)
     sine = float(np.linalg.norm(axis))
     if sine < 1e-12:
         if cosine > 0.0:
             return np.eye(3)
-        other = np.cross(a, [1.0, 0.0, 0.0] if abs(a[0]) < 0.9 else [0.0, 1.0, 0.0])
+        other = np.cross(u, [1.0, 0.0, 0.0] if abs(u[0]) < 0.9 else [0.0, 1.0, 0.0])
         return so3_exp(np.pi * other / np.linalg.norm(other))
     return so3_exp(axis / sine * np.arctan2(sine, cosine))
 
@@ -149,10 +148,10 @@ def rotation_of_quaternion(q_xyzw: ArrayLike) -> Array:
     return np.asarray(Rotation.from_quat(q.reshape(-1, 4)).as_matrix()).reshape(*q.shape[:-1], 3, 3)
 
 
-def interpolate_poses(
-    stamps_ns: NDArray[np.int64], poses: Array, query_ns: NDArray[np.int64]
-) -> Array:
-    """Poses (m, 4, 4) at ``query_ns`` (m,): linear in position, geodesic in rotation (paper 002 Eq. 27 on the group).
+def interpolate_poses(stamps_ns: NDArray[np.int64], poses: Array, query_ns: NDArray[np.int64]) -> Array:
+    """Poses (m, 4, 4) at ``query_ns`` (m,): linear in position, geodesic in rotation.
+
+    That is paper 002, Eq. 27, on the group instead of on matrices.
 
     ``stamps_ns`` (n,) must increase strictly; queries outside are clamped to the ends.
     """

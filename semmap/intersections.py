@@ -16,7 +16,7 @@ from semmap.geometry import Array
 class WallContour:
     """Wall contour descriptors of one place, gravity-aligned, sector 0 from the x axis, counter-clockwise.
 
-    pwcv : (n_sectors,) float32, horizontal distance [m] to the first wall within the radius, 0 where there is none.
+    pwcv : (n_sectors,) float32, horizontal distance [m] to the first wall within the radius, 0 without one.
     pwcv_observed : (n_sectors,) bool, false where the sector was not seen (0 then says nothing).
     cwc : (n_layers, n_sectors) float32, the same by height layer above the floor.
     cwc_observed : (n_layers, n_sectors) bool.
@@ -35,7 +35,8 @@ class Intersection:
     id : number, unique in its map.
     p_map : (3,) geometric invariant point on the floor, where the roadway axes meet [m].
     kind : ``L, T, Y, X`` or ``multi``.
-    branch_bearings : (b,) direction of each roadway that leaves [rad], counter-clockwise from x, ascending in [0, 2π).
+    branch_bearings : (b,) direction of each roadway that leaves [rad], counter-clockwise from x, ascending
+        in [0, 2π).
     branch_widths : (b,) width of each [m].
     contour : PWCV and CWC as seen from ``p_map``.
     cloud : (n, 3) float32, dense cloud around ``p_map``, relative to ``p_map`` [m].
@@ -55,7 +56,8 @@ class RoadwayGraph:
     """Roadways as a graph: nodes are intersections and dead ends, edges the roadways between them.
 
     node_p_map : (n, 3) [m]; node_intersection : (n,) id of the intersection, -1 for a dead end;
-    edge_nodes : (m, 2) indices into the nodes; edge_length : (m,) along the axis [m]; edge_width : (m,) median [m];
+    edge_nodes : (m, 2) indices into the nodes; edge_length : (m,) along the axis [m];
+    edge_width : (m,) median [m];
     edge_axes : for each edge its axis (k, 3) from the first node to the second.
     """
 
@@ -69,12 +71,12 @@ class RoadwayGraph:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SemanticMap:
-    """The semantic knowledge database of paper 004: every intersection of a mine and how the roadways join them.
+    """The semantic knowledge database of paper 004: every intersection of a mine and how the roadways join.
 
     The map frame is the prior map's own coordinates (a mine grid keeps its millions of metres, in float64).
 
-    origin : (3,) float64, a round point near the mine: numbers relative to it are small enough for float32 work.
-    settings : what the descriptors depend on, as plain data; another set makes descriptors that do not compare.
+    origin : (3,) float64, a round point near the mine: numbers relative to it are small enough for float32.
+    settings : what the descriptors depend on, as plain data; with others, descriptors do not compare.
     sources : file name -> sha-256 of the prior map files.
     """
 

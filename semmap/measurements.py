@@ -14,7 +14,8 @@ from semmap.errors import MeasurementError
 def _finite_vector(owner: str, name: str, value: object) -> NDArray[np.float64]:
     vector = np.asarray(value, dtype=np.float64)
     if vector.shape != (3,):
-        raise MeasurementError(f"has shape {vector.shape}", field=f"{owner}.{name}", mend="give three numbers")
+        where = f"{owner}.{name}"
+        raise MeasurementError(f"has shape {vector.shape}", field=where, mend="give three numbers")
     if not np.isfinite(vector).all():
         raise MeasurementError("is not finite", field=f"{owner}.{name}", mend="drop this sample")
     return vector
@@ -26,7 +27,7 @@ def _finite_number(owner: str, name: str, value: float) -> float:
     return float(value)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Scan:
     """One turn of the LiDAR.
 
@@ -47,7 +48,8 @@ class Scan:
         points = np.ascontiguousarray(self.points, dtype=np.float32)
         offsets = np.ascontiguousarray(self.offsets_ns, dtype=np.int64)
         if points.ndim != 2 or points.shape[1] != 3:
-            raise MeasurementError(f"has shape {points.shape}", field="Scan.points", mend="give an (n, 3) array")
+            what = f"has shape {points.shape}"
+            raise MeasurementError(what, field="Scan.points", mend="give an (n, 3) array")
         if not np.isfinite(points).all():
             raise MeasurementError("holds NaN or infinity", field="Scan.points", mend="remove those points")
         for name in ("offsets_ns", "ring", "intensity"):
@@ -67,7 +69,7 @@ class Scan:
         return self.stamp_ns + int(self.offsets_ns.max(initial=0))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ImuSample:
     """Angular rate ``gyro`` (3,) [rad/s] and specific force ``accel`` (3,) [m/s²] in the imu frame."""
 
@@ -103,7 +105,7 @@ class UwbRange:
         object.__setattr__(self, "distance", _finite_number("UwbRange", "distance", self.distance))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class PrismFix:
     """Position ``p_map`` (3,) [m] of the prism in the map frame, from a total station."""
 

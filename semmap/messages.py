@@ -1,4 +1,4 @@
-"""ROS messages as measurements, and measurements as ROS messages. Needs no ROS and no bag: plain attribute access."""
+"""ROS messages as measurements, and measurements as ROS messages. Needs neither ROS nor a bag library."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _offset_ns(block: SensorBlock) -> int:
     return round(block.time_offset_s * 1e9)
 
 
-# Each decoder answers None for a message that says nothing (not finite, no point in range): the caller counts it.
+# A decoder answers None for a message that says nothing (not finite, no point in range): the caller counts.
 
 
 def decode_imu(message: Any, block: ImuBlock) -> ImuSample | None:
@@ -73,18 +73,20 @@ def decode_imu(message: Any, block: ImuBlock) -> ImuSample | None:
 
 
 def decode_wheel(message: Any, block: SensorBlock) -> WheelSpeed | None:
-    """Forward speed of `TwistStamped`, `TwistWithCovarianceStamped` or `Odometry` (its twist, in the child frame)."""
+    """Forward speed of `TwistStamped`, `TwistWithCovarianceStamped` or `Odometry` (its twist)."""
     twist = message.twist
     speed = (twist if "TwistStamped" in message.__msgtype__ else twist.twist).linear.x
     return WheelSpeed(stamp_ns(message, block), speed) if math.isfinite(speed) else None
 
 
 def decode_uwb(message: Any, block: UwbBlock) -> UwbRange | None:
-    """`sensor_msgs/Range` with frame_id ``anchor_<id>``; ranges outside the message's own limits say nothing."""
+    """`sensor_msgs/Range` with frame_id ``anchor_<id>``; outside the message's limits it says nothing."""
     frame = str(message.header.frame_id)
     number = frame.removeprefix(_ANCHOR)
     if not frame.startswith(_ANCHOR) or not number.isdecimal():
-        raise RecordingError(f"frame_id {frame!r} names no anchor", field=block.topic, mend=f"set `{_ANCHOR}<id>`")
+        raise RecordingError(
+            f"frame_id {frame!r} names no anchor", field=block.topic, mend=f"set `{_ANCHOR}<id>`"
+        )
     if int(number) not in block.anchors:
         known = ", ".join(map(str, sorted(block.anchors)))
         raise RecordingError(
@@ -124,6 +126,15 @@ def decode_scan(message: Any, block: LidarBlock, times: PointTimeFormat) -> Scan
     )
 
 
+DECODERS: Mapping[str, Callable[..., Measurement | None]] = {
+    "imu": decode_imu,
+    "wheel": decode_wheel,
+    "uwb": decode_uwb,
+    "total_station": decode_prism,
+}
+"""Sensor block -> decoder of message and block; scans need to know the point times as well."""
+
+
 class MessageMaker:
     """Makes ROS messages of measurements, in the rig's terms.
 
@@ -138,10 +149,18 @@ class MessageMaker:
 
     def sensor_of(self, measurement: Measurement) -> str:
         """Key of the rig block a measurement belongs to. Raises `RecordingError` where the rig lacks it."""
-        kinds = {ImuSample: "imu", Scan: "lidar", WheelSpeed: "wheel", UwbRange: "uwb", PrismFix: "total_station"}
+        kinds = {
+            ImuSample: "imu",
+            Scan: "lidar",
+            WheelSpeed: "wheel",
+            UwbRange: "uwb",
+            PrismFix: "total_station",
+        }
         sensor = kinds[type(measurement)]
         if getattr(self._rig, sensor) is None:
-            raise RecordingError(f"the rig has no {sensor}", field=sensor, mend=f"add a `{sensor}` block to the rig")
+            raise RecordingError(
+                f"the rig has no {sensor}", field=sensor, mend=f"add a `{sensor}` block to the rig"
+            )
         return sensor
 
     def make(self, measurement: Measurement) -> Any:
@@ -159,7 +178,9 @@ class MessageMaker:
                 return self._range(stamp, measurement)
             case PrismFix():
                 point = self._new("geometry_msgs/msg/Point", *measurement.p_map.tolist())
-                return self._new("geometry_msgs/msg/PointStamped", self._header(stamp, self._rig.frame), point)
+                return self._new(
+                    "geometry_msgs/msg/PointStamped", self._header(stamp, self._rig.frame), point
+                )
 
     def _new(self, name: str, *values: Any) -> Any:
         return self._types[name](*values)
@@ -190,7 +211,9 @@ class MessageMaker:
         )
 
     def _twist(self, stamp: int, wheel: WheelSpeed) -> Any:
-        twist = self._new("geometry_msgs/msg/Twist", self._vector(wheel.speed, 0.0, 0.0), self._vector(0.0, 0.0, 0.0))
+        twist = self._new(
+            "geometry_msgs/msg/Twist", self._vector(wheel.speed, 0.0, 0.0), self._vector(0.0, 0.0, 0.0)
+        )
         return self._new("geometry_msgs/msg/TwistStamped", self._header(stamp, "wheel"), twist)
 
     def _range(self, stamp: int, uwb: UwbRange) -> Any:
@@ -209,5 +232,14 @@ class MessageMaker:
         fields = [self._new("sensor_msgs/msg/PointField", f.name, f.offset, f.datatype, 1) for f in layout]
         n = len(scan.points)
         return self._new(
-            "sensor_msgs/msg/PointCloud2", self._header(stamp, "lidar"), 1, n, fields, False, step, step * n, data, True
+            "sensor_msgs/msg/PointCloud2",
+            self._header(stamp, "lidar"),
+            1,
+            n,
+            fields,
+            False,
+            step,
+            step * n,
+            data,
+            True,
         )

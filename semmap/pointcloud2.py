@@ -48,7 +48,7 @@ class FieldLayout(NamedTuple):
 
 
 def point_table(cloud: PointCloud2Message) -> NDArray[Any]:
-    """All scalar columns of a cloud as one structured array (n,), rows flattened, without a copy where it can.
+    """All scalar columns of a cloud as one structured array (n,), rows flattened, not copied where it can.
 
     Raises `CloudError` where the layout contradicts itself or the data breaks off.
     """
@@ -59,7 +59,9 @@ def point_table(cloud: PointCloud2Message) -> NDArray[Any]:
     if width * height == 0:
         return np.empty(0, dtype)
     if row_step < width * step:
-        raise CloudError(f"row_step {row_step} is shorter than {width} points of {step} bytes", field="row_step")
+        raise CloudError(
+            f"row_step {row_step} is shorter than {width} points of {step} bytes", field="row_step"
+        )
     needed = row_step * (height - 1) + width * step
     if len(data) < needed:
         raise CloudError(f"holds {len(data)} of {needed} bytes", field="data", mend="the cloud is cut off")
@@ -74,7 +76,9 @@ def _row_dtype(cloud: PointCloud2Message) -> np.dtype[Any]:
     for field in cloud.fields:
         name, code = field.name.strip("\0 "), _DTYPES.get(int(field.datatype))
         if code is None:
-            raise CloudError(f"has the unknown datatype {field.datatype}", field=name, mend="datatypes are 1 to 8")
+            raise CloudError(
+                f"has the unknown datatype {field.datatype}", field=name, mend="datatypes are 1 to 8"
+            )
         if int(field.offset) + int(code[1]) > int(cloud.point_step):
             raise CloudError(f"lies beyond the {cloud.point_step} bytes of a point", field=name)
         if int(field.count) <= 1:
@@ -94,7 +98,9 @@ def coordinates(table: NDArray[Any]) -> NDArray[np.float32]:
     names = table.dtype.names or ()
     for axis in "xyz":
         if axis not in names:
-            raise CloudError("is missing", field=axis, mend=f"the cloud has {', '.join(names) or 'no fields'}")
+            raise CloudError(
+                "is missing", field=axis, mend=f"the cloud has {', '.join(names) or 'no fields'}"
+            )
     points = np.empty((len(table), 3), np.float32)
     with np.errstate(over="ignore"):
         points[:, 0], points[:, 1], points[:, 2] = table["x"], table["y"], table["z"]
@@ -108,14 +114,14 @@ def find_column(names: Iterable[str], wanted: Iterable[str]) -> str | None:
 
 
 def within_range(points: NDArray[np.float32], min_range: float, max_range: float) -> NDArray[np.bool_]:
-    """Mask (n,) of points whose range [m] is finite and inside the limits; (0, 0, 0), "no return", never is."""
+    """Mask (n,) of points whose range [m] is finite and in the limits; (0, 0, 0), "no return", never is."""
     with np.errstate(over="ignore", invalid="ignore"):
         squared = np.einsum("ij,ij->i", points, points)
     return np.asarray((squared >= max(min_range**2, 1e-12)) & (squared <= max_range**2))
 
 
 def encode_scan(scan: Scan) -> tuple[list[FieldLayout], int, NDArray[np.uint8]]:
-    """Columns, bytes a point, and the bytes of a scan: x y z, intensity and ring where there, time [s] after the stamp."""
+    """Columns, point size and bytes of a scan: x y z, intensity, ring if there, time [s] after the stamp."""
     columns: list[tuple[str, str, NDArray[Any]]] = [
         (axis, "f4", scan.points[:, k]) for k, axis in enumerate("xyz")
     ]
@@ -127,6 +133,9 @@ def encode_scan(scan: Scan) -> tuple[list[FieldLayout], int, NDArray[np.uint8]]:
     table = np.empty(len(scan.points), dtype=[(name, "<" + code) for name, code, _ in columns])
     for name, _, values in columns:
         table[name] = values
-    dtypes = table.dtype.fields or {}
-    layout = [FieldLayout(name, dtypes[name][1], _DATATYPES[code]) for name, code, _ in columns]
+    offsets = np.cumsum([0, *(int(code[1]) for _, code, _ in columns)]).tolist()
+    layout = [
+        FieldLayout(name, offset, _DATATYPES[code])
+        for (name, code, _), offset in zip(columns, offsets[:-1], strict=True)
+    ]
     return layout, table.dtype.itemsize, table.view(np.uint8).reshape(-1)

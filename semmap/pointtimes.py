@@ -1,7 +1,7 @@
 """What the time stamps of a cloud's points mean: which field, which unit, counted from where.
 
-There is no standard, so the numbers of the first clouds are held against the rate of the scans and the header stamps.
-Where they do not tell, an error names the rig keys that do: nothing is guessed silently.
+There is no standard, so the numbers of the first clouds are held against the rate of the scans and the
+header stamps. Where they do not tell, an error names the rig keys that do: nothing is guessed silently.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ class PointTimeFormat:
 
     field : the column, or None where every point has the time of the header (deskewed clouds).
     unit : of its numbers.
-    reference : ``relative`` to the header stamp, ``absolute`` on the header's clock, or counted on a clock of the
-        sensor's own where the ``first`` (earliest) point has the time of the header.
+    reference : ``relative`` to the header stamp, ``absolute`` on the header's clock, or counted on a clock of
+        the sensor's own where the ``first`` (earliest) point has the time of the header.
     """
 
     field: str | None
@@ -62,7 +62,7 @@ class PointTimeFormat:
         return f"{self.field} [{self.unit}], {self.reference}" if self.field else "none: clouds are deskewed"
 
     def offsets_ns(self, table: NDArray[Any], header_ns: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Offsets (n,) from the header stamp [ns] and a mask (n,), false where a point's time is not finite or absurd."""
+        """Offsets (n,) from the header stamp [ns], and a mask (n,): false where not finite or absurd."""
         if self.field is None:
             return np.zeros(len(table), np.int64), np.ones(len(table), np.bool_)
         if self.field not in (table.dtype.names or ()):
@@ -94,7 +94,7 @@ def _offsets(
 
 
 def _origin_ns(values: NDArray[Any], unit: Unit, reference: Reference, header_ns: int) -> int:
-    """What the numbers say [ns] at the time of the header. Zero is what drivers give points that did not return."""
+    """What the numbers say [ns] at the time of the header. Drivers give zero to points without return."""
     if reference != "first":
         return header_ns if reference == "absolute" else 0
     told = values[np.isfinite(values) & (values != 0)]
@@ -104,9 +104,9 @@ def _origin_ns(values: NDArray[Any], unit: Unit, reference: Reference, header_ns
 def classify_point_times(samples: Sequence[TimeSample], block: LidarBlock) -> PointTimeFormat:
     """What the points' times mean, from the first clouds of a recording.
 
-    The span of the numbers within a cloud, held against the time between clouds, tells the unit; their distance from
-    zero and from the header stamps, and whether they move on with the stamps, tells the reference. What the rig gives
-    (``time_field``, ``time_unit``, ``time_reference``) is taken as given.
+    The span of the numbers within a cloud, held against the time between clouds, tells the unit; their
+    distance from zero and from the header stamps, and whether they move on with the stamps, tells the
+    reference. What the rig gives (``time_field``, ``time_unit``, ``time_reference``) is taken as given.
 
     Raises
     ------
@@ -131,7 +131,11 @@ def _candidate_fields(names: Sequence[str], block: LidarBlock) -> list[str]:
     found = [name for field in wanted if (name := find_column(names, (field,)))]
     if found:
         return found
-    what = "points have no time field" if block.time_field is None else f"points have no field `{block.time_field}`"
+    what = (
+        "points have no time field"
+        if block.time_field is None
+        else f"points have no field `{block.time_field}`"
+    )
     raise RecordingError(
         f"{what}; fields are {', '.join(names)}",
         field=block.topic,
@@ -148,7 +152,9 @@ def _classify_field(field: str, samples: Sequence[TimeSample], block: LidarBlock
         _refuse_coarse(columns, given, block)
         return given
     period_ns = _scan_period_ns(samples, block)
-    units = [unit for unit in _UNIT_NS if block.time_unit in (None, unit) and _span_fits(columns, unit, period_ns)]
+    units = [
+        unit for unit in _UNIT_NS if block.time_unit in (None, unit) and _span_fits(columns, unit, period_ns)
+    ]
     readings = [
         PointTimeFormat(field, unit, reference)
         for unit in units
@@ -198,7 +204,7 @@ def _scan_period_ns(samples: Sequence[TimeSample], block: LidarBlock) -> float |
 
 
 def _span_fits(columns: Sequence[_Column], unit: Unit, period_ns: float | None) -> bool:
-    """Whether the points of a cloud spread over about one scan; the limits are less than 1000 apart, as units are."""
+    """Whether a cloud spreads over about one scan. The limits are less than 1000 apart, so one unit fits."""
     shortest, longest = (2e6, 1.5e9) if period_ns is None else (period_ns / 25.0, period_ns * 2.5)
     span = max(column.high - column.low for column in columns) * _UNIT_NS[unit]
     return shortest <= span <= longest
@@ -239,9 +245,9 @@ def _refuse_lost_digits(columns: Sequence[_Column], field: str, block: LidarBloc
 
 def _too_coarse(block: LidarBlock, field: str, dtype: np.dtype[Any], step_ns: float) -> RecordingError:
     return RecordingError(
-        f"point times in `{field}` ({dtype.name}) step by {step_ns * 1e-9:.2g} s: they have lost their digits",
+        f"point times in `{field}` ({dtype.name}) go in steps of {step_ns * 1e-9:.2g} s: digits are lost",
         field=block.topic,
-        mend=f"record times relative to the scan or in float64, or set `time_field: {NO_TIME}` if it is deskewed",
+        mend=f"record times from the scan's start or in float64, or set `time_field: {NO_TIME}` if deskewed",
     )
 
 

@@ -1,7 +1,7 @@
 """The rig: which sensors there are, where they sit on the IMU, and how noisy they are.
 
-A rig file is YAML with one block a sensor; `Rig.from_yaml` validates it, and an unknown key fails with the nearest
-known name. Blocks that are absent are sensors the robot does not have.
+A rig file is YAML with one block a sensor; `Rig.from_yaml` validates it, and an unknown key fails with the
+nearest known name. Blocks that are absent are sensors the robot does not have.
 """
 
 from __future__ import annotations
@@ -10,7 +10,16 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, PositiveInt
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    PositiveFloat,
+    PositiveInt,
+    model_validator,
+)
 
 from semmap.errors import RigError
 from semmap.geometry import Array, rotation_of_quaternion, se3
@@ -45,10 +54,10 @@ class SensorBlock(BaseModel):
 
 
 class ImuBlock(SensorBlock):
-    """IMU noise: white noise densities [rad/s/√Hz, m/s²/√Hz], bias walks [rad/s²/√Hz, m/s³/√Hz], turn-on bias 1σ.
+    """IMU noise: white densities [rad/s/√Hz, m/s²/√Hz], bias walks [rad/s²/√Hz, m/s³/√Hz], turn-on bias 1σ.
 
-    ``gyro_noise`` and ``accel_noise`` are the densities; the standard deviation of one sample is the density times
-    the square root of the rate.
+    ``gyro_noise`` and ``accel_noise`` are the densities; the standard deviation of one sample is the density
+    times the square root of the rate.
     """
 
     gyro_noise: PositiveFloat = 3e-4
@@ -63,9 +72,9 @@ class ImuBlock(SensorBlock):
 class LidarBlock(SensorBlock):
     """LiDAR: ranges outside [min_range, max_range] are dropped; beams, columns and fov serve the simulator.
 
-    ``time_field``, ``time_unit`` and ``time_reference`` override what the reader finds out about the points' time
-    stamps: ``time_field: none`` means the clouds are deskewed, and times count ``relative`` to the header stamp,
-    ``absolute`` on its clock, or on the sensor's own clock with the ``first`` point at the header stamp.
+    ``time_field``, ``time_unit`` and ``time_reference`` override what the reader finds out about the points'
+    time stamps: ``time_field: none`` means the clouds are deskewed; times count ``relative`` to the header
+    stamp, ``absolute`` on its clock, or on the sensor's own clock with the ``first`` point at the stamp.
     """
 
     p_imu_lidar: Vector3
@@ -79,6 +88,12 @@ class LidarBlock(SensorBlock):
     time_field: str | None = None
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
     time_reference: Literal["relative", "absolute", "first"] | None = None
+
+    @model_validator(mode="after")
+    def _limits_are_ordered(self) -> Self:
+        if self.min_range >= self.max_range:
+            raise ValueError(f"min_range {self.min_range:g} is not below max_range {self.max_range:g}")
+        return self
 
     @property
     def T_imu_lidar(self) -> Array:
@@ -98,7 +113,7 @@ class WheelBlock(SensorBlock):
 
 
 class UwbBlock(SensorBlock):
-    """UWB tag and its anchors (map frame) by id; ``center`` and ``max_range`` are the sphere of paper 000 Eq. 18."""
+    """UWB tag and its anchors (map frame) by id; ``center``, ``max_range`` as in paper 000, Eq. 18."""
 
     range_std: PositiveFloat = 0.1
     p_imu_tag: Vector3
@@ -113,7 +128,7 @@ class UwbBlock(SensorBlock):
 
 
 class TotalStationBlock(SensorBlock):
-    """Total station that tracks a prism; ``position`` of the instrument in the map frame, ``point_std`` [m] per axis."""
+    """Total station that tracks a prism; its ``position`` in map, ``point_std`` [m] per axis."""
 
     position: Vector3
     point_std: PositiveFloat = 0.002

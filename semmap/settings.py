@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import textwrap
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -36,15 +37,22 @@ def load_yaml(path: str | Path, error: type[SemmapError]) -> dict[str, Any]:
     except FileNotFoundError:
         raise error("no such file", file=path, mend="check the path") from None
     except (OSError, UnicodeDecodeError) as reason:
-        raise error(f"cannot be read ({reason})", file=path, mend="check the path and its permissions") from None
+        what = f"cannot be read ({reason})"
+        raise error(what, file=path, mend="check the path and its permissions") from None
     except yaml.YAMLError as reason:
-        line = str(reason).splitlines()[-1].strip()
-        raise error(f"is not valid YAML ({line})", file=path, mend="check indentation and brackets") from None
+        what = f"is not valid YAML ({_yaml_problem(reason)})"
+        raise error(what, file=path, mend="check indentation and brackets") from None
     if data is None:
         return {}
     if not isinstance(data, dict):
         raise error("is not a mapping of keys to values", file=path, mend="write `key: value` lines")
     return data
+
+
+def _yaml_problem(reason: yaml.YAMLError) -> str:
+    if isinstance(reason, yaml.MarkedYAMLError) and reason.problem_mark is not None:
+        return f"line {reason.problem_mark.line + 1}: {reason.problem}"
+    return str(reason).splitlines()[0]
 
 
 def validate(
@@ -63,7 +71,9 @@ def validate(
             raise error("unknown key", file=file, field=field, mend=mend) from None
         if problem["type"] == "missing":
             raise error("is missing", file=file, field=field, mend=f"add `{problem['loc'][-1]}`") from None
-        raise error(problem["msg"], file=file, field=field, mend=f"it holds {problem['input']!r}") from None
+        what = problem["msg"].removeprefix("Value error, ")
+        held = textwrap.shorten(repr(problem["input"]), 80, placeholder=" ...")
+        raise error(what, file=file, field=field, mend=f"it holds {held}") from None
 
 
 def _known_keys(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:

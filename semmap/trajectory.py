@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from semmap.files import written_whole
 from semmap.geometry import Array, interpolate_poses, quaternion_xyzw, rotation_of_quaternion, se3
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
     """Poses of the IMU over time.
 
@@ -34,7 +35,8 @@ class Trajectory:
         if not np.isfinite(poses).all():
             raise TrajectoryError("poses are not finite", field="Trajectory.poses")
         if (np.diff(stamps) <= 0).any():
-            raise TrajectoryError("stamps do not increase", field="Trajectory.stamps_ns", mend="sort, drop repeats")
+            what = "stamps do not increase"
+            raise TrajectoryError(what, field="Trajectory.stamps_ns", mend="sort, drop repeats")
         object.__setattr__(self, "stamps_ns", stamps)
         object.__setattr__(self, "poses", poses)
 
@@ -64,10 +66,8 @@ class Trajectory:
             for line in comment.splitlines():
                 out.write(f"# {line}\n")
             for stamp, p, (x, y, z, w) in zip(self.stamps_ns.tolist(), self.positions, q, strict=True):
-                seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-                out.write(
-                    f"{seconds}.{nanoseconds:09d} {p[0]:.6f} {p[1]:.6f} {p[2]:.6f} {x:.9f} {y:.9f} {z:.9f} {w:.9f}\n"
-                )
+                position = f"{p[0]:.6f} {p[1]:.6f} {p[2]:.6f}"
+                out.write(f"{text_of_stamp_ns(stamp)} {position} {x:.9f} {y:.9f} {z:.9f} {w:.9f}\n")
 
     @classmethod
     def load_tum(cls, path: str | Path, *, frame: str | None = None) -> Trajectory:
@@ -100,17 +100,25 @@ class Trajectory:
         values = np.array(rows, dtype=np.float64).reshape(-1, 7)
         if not np.isfinite(values).all() or (np.linalg.norm(values[:, 3:], axis=1) < 0.5).any():
             raise TrajectoryError("holds a pose that is not finite or not a rotation", file=path)
+        poses = se3(rotation_of_quaternion(values[:, 3:]), values[:, :3])
         try:
-            return cls(frame or "map", np.array(stamps, np.int64), se3(rotation_of_quaternion(values[:, 3:]), values[:, :3]))
+            return cls(frame or "map", np.array(stamps, np.int64), poses)
         except TrajectoryError as reason:
             raise TrajectoryError(reason.what, file=path, mend=reason.mend) from None
 
 
+def text_of_stamp_ns(stamp_ns: int) -> str:
+    """Decimal seconds with nine decimals of nanoseconds."""
+    seconds, nanoseconds = divmod(abs(stamp_ns), 1_000_000_000)
+    return f"{'-' if stamp_ns < 0 else ''}{seconds}.{nanoseconds:09d}"
+
+
 def stamp_ns_of_text(text: str) -> int:
-    """Nanoseconds of a decimal number of seconds, exact to the last digit (a float64 is not, for epoch stamps)."""
-    mantissa = text.lower()
-    if "e" in mantissa:
-        return round(float(mantissa) * 1e9)
-    sign = -1 if mantissa.startswith("-") else 1
-    seconds, _, fraction = mantissa.lstrip("+-").partition(".")
-    return sign * (int(seconds or 0) * 1_000_000_000 + int((fraction + "000000000")[:9]))
+    """Nanoseconds of decimal seconds, exact to the last digit (a float64 is not, for epoch stamps)."""
+    try:
+        nanoseconds = Decimal(text) * 1_000_000_000
+        if abs(nanoseconds) >= 2**63:
+            raise ValueError
+        return int(nanoseconds.to_integral_value())
+    except (ArithmeticError, ValueError):
+        raise ValueError(f"stamp {text!r} is not a number of seconds") from None
