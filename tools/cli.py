@@ -1,0 +1,265 @@
+"""The command line. Commands import what they need when they run, so that `semmap --help` answers at once."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+import semmap
+from semmap.errors import SemmapError
+
+if TYPE_CHECKING:
+    from tools.settings import ToolSettings
+
+ClickException = typer.BadParameter.__mro__[2]
+"""Base of the parser's errors, BadParameter < UsageError < ClickException; typer exports only the first."""
+
+USER_ERROR, CRASH, INTERRUPTED = 2, 1, 130
+"""Exit status: wrong input or usage; a fault of semmap itself; Ctrl-C."""
+
+COMMON_FLAGS = ("-v", "--verbose", "--dump-config", "--version")
+COMMON_VALUES = ("--config", "--seed")
+EPILOG = "On every command: --config FILE, --seed N, --dump-config, -v (see `semmap --help`)."
+
+
+def common_options_first(args: Sequence[str]) -> list[str]:
+    """The common options moved before the command's name, so that they may stand anywhere before a ``--``."""
+    first: list[str] = []
+    rest: list[str] = []
+    words = iter(args)
+    for word in words:
+        if word == "--":
+            return [*first, *rest, word, *words]
+        if word in COMMON_FLAGS or word.startswith(tuple(f"{option}=" for option in COMMON_VALUES)):
+            first.append(word)
+        elif word in COMMON_VALUES:
+            first += [word, *([value] if (value := next(words, None)) is not None else [])]
+        else:
+            rest.append(word)
+    return [*first, *rest]
+
+
+class _CommonOptionsAnywhere(TyperGroup):
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        return list(super().parse_args(ctx, common_options_first(args)))
+
+
+app = typer.Typer(
+    name="semmap",
+    cls=_CommonOptionsAnywhere,
+    help="Localize robots in underground mines against a semantic database of roadway intersections.",
+    add_completion=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+
+
+@dataclass(slots=True)
+class _Common:
+    """The common options of this call; `main` reads ``verbose`` after the parser is gone."""
+
+    config: Path | None = None
+    seed: int | None = None
+    verbose: bool = False
+
+    def settings(self) -> ToolSettings:
+        from tools.settings import load_settings
+
+        return load_settings(self.config, self.seed)
+
+
+_common = _Common()
+
+
+@app.callback(invoke_without_command=True)
+def _common_options(
+    ctx: typer.Context,
+    config: Annotated[Path | None, typer.Option(metavar="FILE", help="Settings (YAML).")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random.")] = None,
+    dump_config: Annotated[
+        bool, typer.Option("--dump-config", help="Print the settings in use and stop.")
+    ] = False,
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say more; show tracebacks.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    _common.config, _common.seed, _common.verbose = config, seed, verbose
+    if version:
+        typer.echo(f"semmap {semmap.__version__}")
+        raise typer.Exit
+    if dump_config:
+        typer.echo(_common.settings().to_yaml(), nl=False)
+        raise typer.Exit
+    if ctx.invoked_subcommand is None:
+        typer.echo(ctx.get_help())
+        raise typer.Exit
+    if verbose:
+        logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
+
+
+@app.command(epilog=EPILOG)
+def demo(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files go.")] = Path("demo"),
+) -> None:
+    """Run the main job on a built-in simulated mine.
+
+    Simulates, builds the database, localizes with and without it, evaluates, reports.
+    """
+    from tools.demo import run_demo
+
+    run_demo(out, _common.settings())
+
+
+@app.command(epilog=EPILOG)
+def simulate(
+    source: Annotated[str, typer.Argument(metavar="SCENARIO|MESH", help="A built-in mine, or a mesh file.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files go.")],
+    route: Annotated[Path | None, typer.Option(metavar="CSV", help="Way points x,y,z on the floor.")] = None,
+) -> None:
+    """Simulate a mine and a robot.
+
+    Writes prior_map.laz, recording/, rig.yaml, ground_truth.tum and junctions.csv.
+    """
+    from tools.progress import progress_bar
+    from tools.simulator import simulate as run_simulation
+
+    settings = _common.settings()
+    with progress_bar("simulating") as progress:
+        run_simulation(
+            source, out=out, route=route, seed=settings.seed, settings=settings.simulate, progress=progress
+        )
+    typer.echo(f"simulated {source}: {out}")
+
+
+@app.command(epilog=EPILOG)
+def build(
+    maps: Annotated[
+        list[Path], typer.Argument(metavar="MAP...", help="Point clouds: PCD, PLY, LAS, LAZ, E57.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="DB.h5", help="The semantic database to write.")],
+) -> None:
+    """Build the semantic database of a mine from its point-cloud map."""
+    from tools.build import build_database
+
+    semantic_map = build_database(maps, out, _common.settings())
+    typer.echo(f"{len(semantic_map)} intersections: {out}")
+
+
+@app.command(epilog=EPILOG)
+def info(
+    database: Annotated[Path, typer.Argument(metavar="DB.h5", help="A semantic database.")],
+) -> None:
+    """Say what is in a semantic database."""
+    from tools.info import print_info
+
+    print_info(database)
+
+
+@app.command(epilog=EPILOG)
+def localize(
+    recording: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="rosbag1 .bag, or rosbag2 sqlite3 or MCAP.")
+    ],
+    rig: Annotated[Path, typer.Option(metavar="rig.yaml", help="The robot's sensors.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files of the run go.")],
+    database: Annotated[
+        Path | None, typer.Option("--map", metavar="DB.h5", help="The semantic database.")
+    ] = None,
+    without: Annotated[
+        str,
+        typer.Option(metavar="LIST", help="Leave out, comma-separated: uwb,wheel,prism,lidar,intersections."),
+    ] = "",
+) -> None:
+    """Localize a recording.
+
+    Writes trajectory.tum, realtime.tum, odometry.tum, events.jsonl, summary.json and settings.yaml.
+    """
+    from tools.progress import progress_bar
+    from tools.run import localize_recording, outcome
+
+    names = [name.strip() for name in without.split(",") if name.strip()]
+    settings = _common.settings()
+    with progress_bar("localizing") as progress:
+        summary = localize_recording(
+            recording, rig, out, map_file=database, without=names, settings=settings, progress=progress
+        )
+    typer.echo(f"{outcome(summary)}: {out}")
+
+
+@app.command(epilog=EPILOG)
+def evaluate(
+    run: Annotated[Path, typer.Argument(metavar="DIR", help="The --out directory of `semmap localize`.")],
+    truth: Annotated[Path, typer.Option(metavar="FILE", help="ground_truth.tum, or check points .csv.")],
+) -> None:
+    """Compare a run with the truth.
+
+    Prints a table and writes evaluation.json into DIR.
+    """
+    from rich.console import Console
+
+    from tools.evaluate import coverage_line, evaluate_run, evaluation_table
+
+    evaluation = evaluate_run(run, truth)
+    Console().print(evaluation_table(evaluation))
+    typer.echo(coverage_line(evaluation))
+
+
+@app.command(epilog=EPILOG)
+def report(
+    source: Annotated[
+        Path, typer.Argument(metavar="DB.h5|DIR", help="A semantic database, or the directory of a run.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="report.html", help="The page to write.")],
+) -> None:
+    """Write an HTML page about a database or a run.
+
+    One file that needs no network.
+    """
+    from tools.report import write_report
+
+    write_report(source, out)
+    typer.echo(f"report: {out}")
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Entry point of `semmap`: runs a command and exits with its status."""
+    sys.exit(run(sys.argv[1:] if args is None else args))
+
+
+def run(args: Sequence[str]) -> int:
+    """Run one command; what a user can mend becomes one line on standard error and status 2."""
+    try:
+        status = app(args=list(args), prog_name="semmap", standalone_mode=False)
+    except SemmapError as error:
+        return _complain(str(error), USER_ERROR)
+    except ClickException as error:
+        return _complain(error.format_message().rstrip("."), USER_ERROR)
+    except (KeyboardInterrupt, typer.Abort):
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output went away, as in `semmap info DB.h5 | head`
+        sys.stdout = None  # type: ignore[assignment]  # nothing left to flush at exit
+        return 0
+    except Exception as error:
+        if _common.verbose:
+            raise
+        fault = f"{type(error).__name__}: {error}".splitlines()[0]
+        return _complain(f"fault in semmap ({fault}); run again with -v and report the traceback", CRASH)
+    return status if isinstance(status, int) else 0
+
+
+def _complain(text: str, status: int) -> int:
+    if _common.verbose and (cause := sys.exc_info()[1]) is not None:
+        logging.getLogger("semmap").info("raised by", exc_info=cause)
+    line = " ".join(text.split())
+    sys.stderr.write(f"semmap: error: {line}\n")
+    return status
+
+
+if __name__ == "__main__":
+    main()

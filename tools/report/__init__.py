@@ -1,0 +1,19 @@
+"""Self-contained HTML pages about a semantic database or a run: no network, no scripts, figures inline."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from semmap.files import written_whole
+from tools.report.database_page import database_page
+from tools.report.run_page import run_page
+
+
+def write_report(source: Path, out: Path) -> None:
+    """Write the page about ``source``, a run directory or a semantic database, to ``out``.
+
+    Raises `InputFileError` for a directory without a run, `DatabaseError` for a file that is not a database.
+    """
+    page = run_page(source) if source.is_dir() else database_page(source)
+    with written_whole(out) as temporary:
+        temporary.write_text(page, encoding="utf-8")

@@ -1,0 +1,105 @@
+"""The page about a semantic database: the plan, every intersection, and how alike they look."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from maps.settings import MapSettings
+from semmap import database
+from semmap.intersections import SemanticMap
+from tools.info import overview
+from tools.report.contours import contour_picture, similarity_picture
+from tools.report.page import facts, figure, folded, note, page, section, table
+from tools.report.plan import plan
+
+
+def database_page(path: Path) -> str:
+    """The page (HTML) about the database at ``path``; raises `DatabaseError` where it is not one."""
+    semantic_map = database.load(path)
+    return page(
+        f"Semantic database {path.name}",
+        "; ".join(f"{name}: {value}" for name, value in overview(semantic_map).items()),
+        facts(_figures(semantic_map)),
+        section(
+            "Plan",
+            figure(
+                plan(semantic_map), "Roadway axes, wall points around the intersections, and their numbers."
+            ),
+        ),
+        section("Intersections", intersection_rows(semantic_map)),
+        section("Wall contours (PWCV)", _contours(semantic_map)),
+        section("Similarity", _similarity(semantic_map)),
+        section("Settings", folded("what the descriptors depend on", _settings_text(semantic_map))),
+    )
+
+
+def intersection_rows(semantic_map: SemanticMap) -> str:
+    """The table of all intersections."""
+    head = [
+        "id",
+        "kind",
+        "x [m]",
+        "y [m]",
+        "z [m]",
+        "branches",
+        "bearings [°]",
+        "widths [m]",
+        "cloud [points]",
+    ]
+    rows = []
+    for one in semantic_map.intersections:
+        bearings = "  ".join(f"{value:.0f}" for value in np.degrees(one.branch_bearings))
+        widths = "  ".join(f"{value:.1f}" for value in one.branch_widths)
+        position = [f"{value:.2f}" for value in one.p_map]
+        rows.append(
+            [
+                str(one.id),
+                one.kind,
+                *position,
+                str(len(one.branch_bearings)),
+                bearings,
+                widths,
+                f"{len(one.cloud)}",
+            ]
+        )
+    return table(head, rows)
+
+
+def _figures(semantic_map: SemanticMap) -> dict[str, str]:
+    lengths = semantic_map.roadways.edge_length
+    ends = int(np.count_nonzero(semantic_map.roadways.node_intersection < 0))
+    points = sum(len(one.cloud) for one in semantic_map.intersections)
+    return {
+        "intersections": str(len(semantic_map)),
+        "roadways": str(len(lengths)),
+        "length of roadways": f"{lengths.sum():.0f} m",
+        "ends of roadways": str(ends),
+        "points kept": f"{points:,}",
+    }
+
+
+def _contours(semantic_map: SemanticMap) -> str:
+    radius = MapSettings.model_validate(dict(semantic_map.settings)).contour.radius
+    pictures = "".join(figure(contour_picture(one, radius)) for one in semantic_map.intersections)
+    words = (
+        f"From above, x to the right, rim at {radius:g} m; orange: roadways that leave; open: not observed."
+    )
+    return f'<div class="grid">{pictures}</div>{note(words)}' if pictures else ""
+
+
+def _similarity(semantic_map: SemanticMap) -> str:
+    if len(semantic_map) < 2:
+        return ""
+    contours = [one.contour for one in semantic_map.intersections]
+    matrix = np.array([[pwcv_similarity(a, b) for b in contours] for a in contours])
+    picture = similarity_picture(matrix, [one.id for one in semantic_map.intersections])
+    return figure(
+        picture, "1 means alike at the best rotation. Bright places off the diagonal are easy to confuse."
+    )
+
+
+def _settings_text(semantic_map: SemanticMap) -> str:
+    return yaml.safe_dump(dict(semantic_map.settings), sort_keys=False)

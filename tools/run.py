@@ -1,0 +1,171 @@
+"""A recording through the localizer, into a run directory.
+
+The directory holds ``trajectory.tum`` (smoothed, map frame), ``realtime.tum`` (what was known when each scan
+was done), ``odometry.tum`` (the filter alone), ``events.jsonl``, ``summary.json`` and ``settings.yaml``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib.metadata
+import json
+import os
+import platform
+import resource
+import sys
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import semmap
+from localize import LocalizationResult, Localizer
+from semmap import database
+from semmap.errors import InputFileError, SettingsError
+from semmap.files import written_whole
+from semmap.measurements import Measurement
+from semmap.recordings import read_recording
+from semmap.rig import Rig
+from tools.progress import Advance
+from tools.settings import ToolSettings
+
+AIDS = ("uwb", "wheel", "prism", "lidar", "intersections")
+"""What `--without` can leave out."""
+
+NEVER_ANCHORED = """no poses: the run never found its place in the map (events.jsonl says what was seen)
+odometry.tum holds the odometry, in a frame of its own"""
+
+LIBRARIES = ("numpy", "scipy", "numba", "gtsam", "open3d-cpu", "open3d")
+
+
+def localize_recording(
+    recording: Path,
+    rig_file: Path,
+    out: Path,
+    *,
+    map_file: Path | None = None,
+    without: Sequence[str] = (),
+    settings: ToolSettings,
+    progress: Advance | None = None,
+) -> dict[str, Any]:
+    """Stream ``recording`` through a `Localizer`, write the run directory ``out``, return its summary.
+
+    Nothing is written before the whole recording went through. Raises the errors of the rig, the database and
+    the recording.
+    """
+    check_aids(without)
+    writable_directory(out)
+    rig = Rig.from_yaml(rig_file).without(*without)
+    semantic_map = (
+        database.load(map_file) if map_file is not None and "intersections" not in without else None
+    )
+    localizer = Localizer(rig, semantic_map, settings.localize)
+    started = time.perf_counter()
+    scan_ms = stream(localizer, read_recording(recording, rig, progress=progress))
+    result = localizer.finish()
+    summary = {
+        "recording": str(recording.resolve()),
+        "rig": str(rig_file.resolve()),
+        "map": None if semantic_map is None or map_file is None else str(map_file.resolve()),
+        "without": sorted(without),
+        **result.summary,
+        **timing(scan_ms),
+        "wall_s": round(time.perf_counter() - started, 3),
+        **process_facts(),
+    }
+    write_run(out, result, summary, settings)
+    return summary
+
+
+def stream(localizer: Localizer, measurements: Iterable[Measurement]) -> list[float]:
+    """Hand every measurement to ``localizer``; returns what each scan cost [ms]."""
+    costs, cost = [], 0.0
+    for measurement in measurements:
+        started = time.perf_counter()
+        update = localizer.add(measurement)
+        cost += time.perf_counter() - started
+        if update is not None:
+            costs.append(1e3 * cost)
+            cost = 0.0
+    return costs
+
+
+def timing(scan_ms: Sequence[float]) -> dict[str, float | None]:
+    """Median and 95th percentile of the milliseconds a scan cost; None where no scan was completed."""
+    if not scan_ms:
+        return {"ms_per_scan_median": None, "ms_per_scan_p95": None}
+    median, p95 = np.percentile(scan_ms, [50, 95])
+    return {"ms_per_scan_median": round(float(median), 2), "ms_per_scan_p95": round(float(p95), 2)}
+
+
+def check_aids(without: Iterable[str]) -> None:
+    """Raise `SettingsError` with the nearest known name for a word `--without` does not know."""
+    for name in without:
+        if name not in AIDS:
+            near = difflib.get_close_matches(name, AIDS, n=1, cutoff=0.4)
+            mend = f"did you mean `{near[0]}`?" if near else f"known names: {', '.join(AIDS)}"
+            raise SettingsError(f"does not know `{name}`", field="--without", mend=mend)
+
+
+def writable_directory(out: Path) -> None:
+    """Make sure that ``out`` can take files, before hours of work; raises `InputFileError`."""
+    there = next(path for path in (out, *out.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise InputFileError("is a file, not a directory", file=there, mend="choose another --out")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputFileError("cannot be written", file=there, mend="choose another --out")
+
+
+def write_run(out: Path, result: LocalizationResult, summary: dict[str, Any], settings: ToolSettings) -> None:
+    """Write the files of a run; an evaluation left by an earlier run no longer applies and goes."""
+    (out / "evaluation.json").unlink(missing_ok=True)
+    lost = result.trajectory.frame == "map" and not len(result.trajectory)
+    result.trajectory.save_tum(out / "trajectory.tum", comment=NEVER_ANCHORED if lost else "")
+    result.realtime.save_tum(out / "realtime.tum")
+    result.odometry.save_tum(out / "odometry.tum")
+    write_text(
+        out / "events.jsonl", "".join(json.dumps(event, default=_plain) + "\n" for event in result.events)
+    )
+    write_text(out / "settings.yaml", settings.to_yaml())
+    write_text(out / "summary.json", json.dumps(summary, indent=1, default=_plain) + "\n")
+
+
+def outcome(summary: Mapping[str, Any]) -> str:
+    """One sentence on how a run went."""
+    if not summary["scans"]:
+        return "no scan was completed"
+    cost = f"{summary['scans']} scans, {summary['ms_per_scan_median']:.0f} ms each"
+    if not summary["anchored"]:
+        return f"{cost}, no place in the map"
+    count = len(summary["intersections_recognised"])
+    return f"{cost}, in the map by {count} intersections" if count else f"{cost}, in the map"
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write ``text`` to ``path`` whole or not at all."""
+    with written_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def process_facts() -> dict[str, Any]:
+    """Peak memory of this process [MB] and the versions that computed."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    unit = 2**20 if sys.platform == "darwin" else 2**10  # bytes there, kibibytes on Linux
+    versions = {"semmap": semmap.__version__, "python": platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:  # one of the two names of open3d
+            continue
+    return {"peak_memory_mb": round(peak / unit, 1), "versions": versions}
+
+
+def _plain(value: object) -> Any:
+    """NumPy numbers and arrays as JSON has them."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} has no place in a result file")
