@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 
 from semmap.geometry import Array
 
+KINDS = ("L", "T", "Y", "X", "multi")
+"""Kinds of intersections: a bend, three roadways at right angles or not, four, and more than four."""
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, eq=False)
 class WallContour:
     """Wall contour descriptors of one place, gravity-aligned, sector 0 from the x axis, counter-clockwise.
 
@@ -34,7 +37,7 @@ class Intersection:
 
     id : number, unique in its map.
     p_map : (3,) geometric invariant point on the floor, where the roadway axes meet [m].
-    kind : ``L, T, Y, X`` or ``multi``.
+    kind : one of `KINDS`.
     branch_bearings : (b,) direction of each roadway that leaves [rad], counter-clockwise from x, ascending
         in [0, 2π).
     branch_widths : (b,) width of each [m].
