@@ -26,7 +26,9 @@ def exp_so3(theta, R):
 
 
 @njit(cache=True)
-def propagate(R, p, v, gyro_bias, accel_bias, g, P, t, gyro, accel, densities, track_R, track_p, track_v, track_w, track_a):
+def propagate(
+    R, p, v, gyro_bias, accel_bias, g, P, t, gyro, accel, densities, track_R, track_p, track_v, track_w, track_a
+):  # fmt: skip
     """Carry state and covariance over the IMU samples at times t (n,) [s]; R, p, v and P change in place.
 
     track_* (n, ...) receive the state at each sample, the body rate [rad/s] and the acceleration in odom [m/s²] of

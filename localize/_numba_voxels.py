@@ -113,7 +113,7 @@ def downsample(points, inverse_size, keys, cells, total, out):
 
 @njit(cache=True, inline="always")
 def _plane_near(x, y, z, size, keys, cells, variance, mean):
-    """The cell with a plane that a point belongs to: its own, or else the one of the six beside it whose mean is nearest."""
+    """The cell whose plane a point belongs to: its own, or of the six beside it the one with the nearest mean."""
     inverse_size = 1.0 / size
     own = _slot_of(keys, cell_key(x, y, z, inverse_size))
     if keys[own] != EMPTY and variance[cells[own]] >= 0.0:

@@ -45,7 +45,7 @@ def information(residual: Array, H: Array, covariance: Array, columns: NDArray[n
 
 @dataclass(frozen=True, slots=True)
 class InertialTrack:
-    """States at the IMU samples of one interval, between which points are deskewed. Times in seconds after ``zero_ns``."""
+    """States at the IMU samples of one interval, to deskew between; times are seconds after ``zero_ns``."""
 
     zero_ns: int
     t: Array
@@ -80,7 +80,7 @@ def joined(tracks: list[InertialTrack]) -> InertialTrack:
     return InertialTrack(
         first.zero_ns,
         np.concatenate([track.t + dt for track, dt in zip(tracks, shift, strict=True)]),
-        *(np.concatenate([getattr(track, name) for track in tracks]) for name in ("R", "p", "v", "rate", "acceleration")),
+        *(np.concatenate([getattr(track, name) for track in tracks]) for name in InertialTrack.__slots__[2:]),
     )
 
 
@@ -99,7 +99,7 @@ class ErrorStateFilter:
         self._densities = np.array([imu.gyro_noise, imu.accel_noise, imu.gyro_bias_walk, imu.accel_bias_walk]) ** 2
 
     def predict(self, stamps_ns: NDArray[np.int64], gyro: Array, accel: Array) -> InertialTrack:
-        """Propagate over IMU samples (n,), (n, 3), (n, 3) from the first (the present) to the last stamp (paper 000 Eq. 1)."""
+        """Propagate over IMU samples (n,), (n, 3), (n, 3), the first at the present (paper 000 Eq. 1)."""
         n = len(stamps_ns)
         t = (stamps_ns - stamps_ns[0]) * 1e-9
         track = InertialTrack(int(stamps_ns[0]), t, np.empty((n, 3, 3)), *(np.empty((n, 3)) for _ in range(4)))
@@ -112,7 +112,7 @@ class ErrorStateFilter:
         return track
 
     def update(self, model: MeasurementModel, *, iterations: int = 1, tolerance: float = 1e-4) -> Information | None:
-        """Maximum a posteriori state given one sensor (paper 000 Eq. 4); returns the last linearization, None if silent.
+        """Maximum a posteriori state given one sensor (paper 000 Eq. 4); returns the last linearization or None.
 
         Each step solves ``(I + P A) δ = P b - (x ⊟ x̂)``, which needs no inverse of P: extrinsics that are known
         exactly have zero rows in it and stay as they are.
@@ -126,7 +126,7 @@ class ErrorStateFilter:
             PA = np.zeros((ERROR_DIM, ERROR_DIM))
             PA[:, info.columns] = self.P[:, info.columns] @ info.A
             M = np.eye(ERROR_DIM) + PA
-            delta = np.linalg.solve(M, self.P[:, info.columns] @ info.b - self.state.boxminus(predicted))
+            delta = np.asarray(np.linalg.solve(M, self.P[:, info.columns] @ info.b - self.state.boxminus(predicted)), dtype=np.float64)
             self.state = self.state.boxplus(delta)
             if np.abs(delta[:6]).max() < tolerance:
                 break

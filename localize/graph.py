@@ -46,7 +46,7 @@ class PoseGraph:
         return len(self._T_odom)
 
     def add_keyframe(self, T_odom_imu: Array, covariance: Array) -> None:
-        """The next keyframe, with the covariance (6, 6) of its pose relative to the one before (ignored for the first)."""
+        """The next keyframe, and the covariance (6, 6) of its pose relative to the one before (not of the first)."""
         if self._T_odom:
             link = _RelativePose(inverse(self._T_odom[-1]) @ T_odom_imu, covariance)
             self._links.append(link)
@@ -87,7 +87,9 @@ class PoseGraph:
         self._new.add(gtsam.GPSFactorArm(_X(index), p_map, p_imu, noise))
         self.pins += 1
 
-    def pin_range(self, index: int, p_imu: Array, anchor: int, p_map_anchor: Array, distance: float, std: float) -> None:
+    def pin_range(
+        self, index: int, p_imu: Array, anchor: int, p_map_anchor: Array, distance: float, std: float
+    ) -> None:
         """Point ``p_imu`` of keyframe ``index`` is ``distance`` from an anchor (paper 000 Eq. 9)."""
         if anchor not in self._anchors:
             self._anchors.add(anchor)

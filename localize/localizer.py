@@ -9,6 +9,7 @@ import numpy as np
 from localize.graph import PoseGraph
 from localize.keyframes import Keyframe, Keyframes
 from localize.matcher import IntersectionMatcher, Recognition
+from localize.modes import mode_of
 from localize.odometry import OdometryPose
 from localize.results import Event, LocalizationResult, State, Update
 from localize.settings import LocalizeSettings
@@ -69,6 +70,8 @@ class Localizer:
         self._events: list[Event] = []
         self._counts: dict[str, int] = {"scans": 0, "keyframes": 0, "intersections_seen": 0, "pins": 0}
         self._recognised: set[int] = set()
+        self._mode = ""
+        self._last_used_ns: dict[str, int] = {}
         self._pins_dirty = False
 
     def add(self, measurement: Measurement) -> Update | None:
@@ -106,6 +109,7 @@ class Localizer:
         self._take_sightings(pose)
         if self._pins_dirty:
             self._solve()
+        self._note_mode(pose.stamp_ns)
         return self._publish(pose)
 
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
@@ -118,7 +122,7 @@ class Localizer:
         return keyframe
 
     def _link_covariance(self, pose: OdometryPose) -> Array:
-        """Covariance of a relative pose: the filter's own, and the drift that no filter with a map of its own can see."""
+        """Covariance of a relative pose: the filter's own, and the drift that a filter with its own map cannot see."""
         g = self.settings.graph
         length = self.settings.keyframes.distance
         drift = np.repeat([g.drift_rotation, g.drift_position], 3) ** 2 * length
@@ -167,7 +171,7 @@ class Localizer:
             self._set_state("tracking", pose.stamp_ns, "aligned by ranges and fixes")
 
     def _pin_sighting(self, sighting: Sighting, *, gate: bool = True) -> None:
-        """A range or fix as a factor on the keyframe before it, if it fits what is known (paper 000, preliminary check)."""
+        """A range or fix as a factor on the keyframe before it, if it fits what is known (paper 000)."""
         stamps = [stamp for stamp, _ in self._keyframe_track]
         index = max(0, int(np.searchsorted(stamps, sighting.stamp_ns, side="right")) - 1)
         p_imu = transform(inverse(self._keyframe_track[index][1]), sighting.p_odom[None])[0]
@@ -185,8 +189,18 @@ class Localizer:
             self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3))
         else:
             self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, sighting.distance, sighting.std)
+        self._last_used_ns["prism" if sighting.anchor is None else "uwb"] = sighting.stamp_ns
         self._counts["pins"] += 1
         self._pins_dirty = True
+
+    def _note_mode(self, stamp_ns: int) -> None:
+        engine = self._odometry.odometry
+        if engine is not None:
+            self._last_used_ns["wheel"] = engine.last_wheel_used_ns
+        mode = mode_of(stamp_ns, self._last_used_ns, lidar=self.rig.lidar is not None)
+        if mode != self._mode:
+            self._event(stamp_ns, "mode", before=self._mode, after=mode)
+            self._mode = mode
 
     def _anchor(self, T_map_odom: Array, by: str) -> None:
         self._graph.anchor(T_map_odom)
@@ -231,6 +245,7 @@ class Localizer:
             "intersections_recognised": sorted(self._recognised),
             "dropped": dict(engine.dropped) if engine else {},
             "wheel_slips": engine.slips if engine else 0,
+            "imu_gaps": engine.gaps if engine else 0,
             "unknown_anchors": sorted(self._sightings.unknown_anchors),
             "state": self._state,
             "anchored": self._graph.anchored,

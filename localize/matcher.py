@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-
 from descriptors.index import ContourIndex
+from maps.observe import ObservedIntersection, View, observe_intersections
+
 from localize.keyframes import Keyframe, Stack
 from localize.results import Event
 from localize.settings import LocalizeSettings
 from localize.verification import Verification, Verifier
-from maps.observe import ObservedIntersection, View, observe_intersections
 from maps.settings import MapSettings
 from semmap.geometry import Array, adjoint, inverse, rotation_angle, se3, transform, yaw_of
 from semmap.intersections import Intersection, SemanticMap
@@ -50,7 +49,7 @@ class Pin:
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """What one keyframe said: intersections seen, pins proven, whether a proof contradicts the track, and the events."""
+    """What one keyframe said: intersections seen, pins proven, whether a proof contradicts the track, events."""
 
     seen: int
     pins: tuple[Pin, ...]

@@ -20,6 +20,8 @@ from semmap.rig import Rig
 
 _TICK_NS = 100_000_000
 """Without a LiDAR poses come at this interval."""
+_GAP_NS = 50_000_000
+"""A hole in the IMU's stamps longer than this is counted in ``gaps``; the rates are interpolated across it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +32,7 @@ class OdometryPose:
     state : the whole state. points : (n, 3) float32 deskewed, in the imu frame; empty without a scan.
     matched : scan points that met a plane; considered : scan points tried.
     keyframe : whether the filter moved far enough since the last one (paper 004 Eq. 8, 9).
-    since_keyframe : (6, 6) covariance of the pose relative to the last keyframe, rotation first, perturbed on the right.
+    since_keyframe : (6, 6) covariance of the pose relative to the last keyframe, rotation first, right perturbation.
     """
 
     stamp_ns: int
@@ -61,12 +63,13 @@ class Odometry:
         self.rig, self.settings, self.keyframes, self.filter = rig, settings, keyframes, start
         self.voxels = VoxelMap(settings.voxel_size, max_points=settings.voxel_points)
         self.dropped: dict[str, int] = {}
-        self.slips = 0
+        self.slips = self.gaps = 0
         self._imu: list[ImuSample] = []
         self._imu_stamps: list[int] = []
         self._wheel: list[WheelSpeed] = []
         self._scans: list[Scan] = []
         self._last_wheel_ns = -(1 << 62)
+        self.last_wheel_used_ns = -(1 << 62)
         self._any_keyframe = False
 
     def add(self, measurement: Measurement) -> list[OdometryPose]:
@@ -88,6 +91,8 @@ class Odometry:
         if self._imu_stamps and sample.stamp_ns <= self._imu_stamps[-1]:
             self._count("imu")
             return
+        if self._imu_stamps and sample.stamp_ns - self._imu_stamps[-1] > _GAP_NS:
+            self.gaps += 1
         self._imu.append(sample)
         self._imu_stamps.append(sample.stamp_ns)
 
@@ -187,6 +192,7 @@ class Odometry:
             self.slips += 1
             return
         self.filter.update(model)
+        self.last_wheel_used_ns = reading.stamp_ns
 
     def _match(self, deskewed: Array) -> tuple[int, int]:
         assert self.rig.lidar is not None

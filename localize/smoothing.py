@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.geometry import Array, interpolate_poses, inverse
+from semmap.geometry import Array, inverse, se3, so3_exp, so3_log
 from semmap.trajectory import Trajectory
 
 
@@ -23,9 +23,7 @@ def smoothed(odometry: Trajectory, keyframe_stamps_ns: NDArray[np.int64], T_map_
     from_after = T_map_keyframe[after] @ inverse(T_odom_keyframe[after]) @ odometry.poses
     span = np.maximum(keyframe_stamps_ns[after] - keyframe_stamps_ns[before], 1)
     share = np.clip((odometry.stamps_ns - keyframe_stamps_ns[before]) / span, 0.0, 1.0)
-    poses = np.empty_like(odometry.poses)
-    two = np.array([0, 1_000_000_000], np.int64)
-    for k in range(len(poses)):
-        ends = np.stack([from_before[k], from_after[k]])
-        poses[k] = interpolate_poses(two, ends, np.array([round(share[k] * 1e9)], np.int64))[0]
-    return Trajectory("map", odometry.stamps_ns, poses)
+    turn = so3_log(np.swapaxes(from_before[:, :3, :3], 1, 2) @ from_after[:, :3, :3])
+    R = from_before[:, :3, :3] @ so3_exp(share[:, None] * turn)
+    p = (1.0 - share[:, None]) * from_before[:, :3, 3] + share[:, None] * from_after[:, :3, 3]
+    return Trajectory("map", odometry.stamps_ns, se3(R, p))

@@ -25,7 +25,7 @@ pose covariance between keyframes."""
 
 @dataclass(slots=True)
 class NavState:
-    """What the filter estimates. Extrinsics are (4, 4); the error of each pose is ``[θ, δp]`` with ``R Exp(θ)``, ``p + δp``.
+    """What the filter estimates. Poses err by ``[θ, δp]`` with ``R Exp(θ)``, ``p + δp``; extrinsics are (4, 4).
 
     R, p, v : attitude, position [m] and velocity [m/s] of the imu in odom.
     gyro_bias [rad/s], accel_bias [m/s²], g : gravity in odom [m/s²].

@@ -1,4 +1,4 @@
-"""The ICP check: does the stack fit the dense cloud of an intersection (paper 004 section 3.2, step 9; Eq. 29 to 32)?"""
+"""The ICP check: does the stack fit the cloud of an intersection (paper 004 section 3.2, step 9; Eq. 29 to 32)?"""
 
 from __future__ import annotations
 

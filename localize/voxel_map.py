@@ -1,4 +1,4 @@
-"""The local map of the odometry: voxels that each hold the plane of the points that fell in (FAST-LIO's map, by plane)."""
+"""The local map of the odometry: voxels that each hold the plane of the points that fell in."""
 
 from __future__ import annotations
 

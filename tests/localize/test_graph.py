@@ -1,5 +1,7 @@
 """The pose graph on simulated keyframes: exact without noise, honest about its errors with it."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -25,7 +27,7 @@ def drive(n=40):
 def odometry(truth, rng=None):
     """Dead-reckoned poses in odom with link noise."""
     poses = [np.eye(4)]
-    for a, b in zip(truth, truth[1:], strict=False):
+    for a, b in pairwise(truth):
         noise = np.zeros(6) if rng is None else rng.multivariate_normal(np.zeros(6), LINK)
         poses.append(poses[-1] @ inverse(a) @ b @ se3_exp(noise))
     return np.array(poses)
