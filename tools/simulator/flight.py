@@ -1,0 +1,145 @@
+"""A flight: one robot with its rig, on its way through one mine, for a stretch of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from semmap.errors import InputFileError, SettingsError
+from semmap.geometry import Array
+from semmap.rig import Rig
+from semmap.trajectory import Trajectory
+from tools.simulator.mine import Mine
+from tools.simulator.motion import Motion
+from tools.simulator.rigs import default_rig
+from tools.simulator.route import checked_route
+from tools.simulator.settings import SensorFaults, SimulationSettings
+
+EPOCH_NS = 1_000_000_000_000
+"""Stamp of the moment the robot's motion begins: robots' clocks do not start at zero."""
+TRUTH_RATE_HZ = 50.0
+
+_CLEARANCE = 0.25
+_HORIZON = 24
+_CHECK_S = 0.1
+
+Stamps = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flight:
+    """What every sensor needs to know.
+
+    mine, motion, rig, faults : where, how, with what, and what goes wrong.
+    first_s, last_s : the recorded stretch of the motion's time [s]. seed : of every sensor's errors.
+    """
+
+    mine: Mine
+    motion: Motion
+    rig: Rig
+    faults: SensorFaults
+    first_s: float
+    last_s: float
+    seed: int
+
+    def stamps(self, rate_hz: float, *, phase: float = 0.0) -> Stamps:
+        """Stamps (n,) [ns] at a rate over the recorded stretch, beginning ``phase`` periods into it."""
+        count = int(np.floor((self.last_s - self.first_s) * rate_hz - phase + 1e-9)) + 1
+        seconds = self.first_s + (np.arange(max(count, 0)) + phase) / rate_hz
+        return np.asarray(EPOCH_NS + np.rint(seconds * 1e9).astype(np.int64))
+
+    def times(self, stamps_ns: Stamps) -> Array:
+        """Motion times (n,) [s] of stamps."""
+        return np.asarray((stamps_ns - EPOCH_NS) * 1e-9)
+
+    def rng(self, sensor: int) -> np.random.Generator:
+        """A sensor's own random numbers, so that leaving one sensor out changes no other."""
+        return np.random.default_rng([self.seed, 10, sensor])
+
+    def truth(self, rate_hz: float = TRUTH_RATE_HZ) -> Trajectory:
+        """True poses of the IMU in the map frame."""
+        stamps = self.stamps(rate_hz)
+        return Trajectory("map", stamps, self.motion(self.times(stamps)).poses())
+
+
+def fly(
+    mine: Mine,
+    route: ArrayLike | None = None,
+    rig: Rig | None = None,
+    *,
+    settings: SimulationSettings | None = None,
+    seed: int = 0,
+) -> Flight:
+    """Plan a flight through a mine.
+
+    Parameters
+    ----------
+    mine : where.
+    route : (n, 3) floor points in the map frame; the scenario's own if None.
+    rig : the robot's sensors; `default_rig` if None.
+    settings : motion, faults, start and duration.
+    seed : of wobble and sensor errors.
+
+    Raises
+    ------
+    InputFileError
+        If there is no route, it is too short, not finite, or leaves the mine.
+    SettingsError
+        If the recording would start after the flight has ended.
+    """
+    settings = settings or SimulationSettings()
+    if route is None:
+        if mine.scenario is None:
+            raise InputFileError("needs a route", file=mine.name, field="route", mend="give --route CSV")
+        route = mine.scenario.route_floor()
+    motion = Motion(checked_route(np.asarray(route, dtype=np.float64)), settings.motion, seed)
+    _check_inside(mine, motion, settings.motion.height)
+    last = motion.duration_s if settings.duration_s is None else settings.start_s + settings.duration_s
+    if settings.start_s >= motion.duration_s:
+        raise SettingsError(
+            f"is after the end of the flight ({motion.duration_s:.1f} s)",
+            field="start_s",
+            mend="start earlier",
+        )
+    return Flight(
+        mine,
+        motion,
+        rig or default_rig(),
+        settings.faults,
+        settings.start_s,
+        min(last, motion.duration_s),
+        seed,
+    )
+
+
+def _check_inside(mine: Mine, motion: Motion, height: float) -> None:
+    """Raise `InputFileError` at the first place where the path is not in a roadway with a floor below."""
+    p = motion(np.arange(0.0, motion.duration_s, _CHECK_S)).position
+    p = p[np.concatenate([[True], np.linalg.norm(np.diff(p, axis=0), axis=1) > 1e-6])]
+    down = np.broadcast_to([0.0, 0.0, -1.0], p.shape)
+    blocked = np.append(np.isfinite(mine.raycaster.free_way(p[:-1], p[1:])), False)
+    reasons = (
+        (blocked, "passes through rock"),
+        (mine.raycaster.cast(p, down).distances > height + 3.0, "has no floor below"),
+        (_surrounded(mine, p) < 0.6, "is outside the mine"),
+        (mine.raycaster.clearance(p) < _CLEARANCE, f"comes nearer than {_CLEARANCE} m to the rock"),
+    )
+    for bad, what in reasons:
+        if bad.any():
+            x, y, z = p[int(np.argmax(bad))]
+            raise InputFileError(
+                f"{what} near ({x:.1f}, {y:.1f}, {z:.1f})",
+                file=mine.name,
+                field="route",
+                mend="check the route's coordinates, the flying height and the smoothing of corners",
+            )
+
+
+def _surrounded(mine: Mine, p: Array) -> Array:
+    """Share (n,) of the horizon that is rock, seen from points (n, 3)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, _HORIZON, endpoint=False)
+    horizon = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_HORIZON)])
+    hits = mine.raycaster.cast(np.repeat(p, _HORIZON, axis=0), np.tile(horizon, (len(p), 1)))
+    return np.asarray(np.isfinite(hits.distances).reshape(-1, _HORIZON).mean(axis=1))

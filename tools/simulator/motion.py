@@ -1,0 +1,191 @@
+"""Motion along a smooth path: pose and all derivatives at any time, in closed form.
+
+The path is a quintic B-spline ``p(q)``, the progress along it another, ``q(t)``. Heading and slope follow
+from the path, wobble is a sum of sines of the distance travelled, vibration a sum of sines of time; nothing
+is differenced.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from semmap.geometry import Array, se3
+from semmap.rig import STANDARD_GRAVITY
+from tools.simulator.angles import Angles, direction
+from tools.simulator.route import CONTROL_STEP, control_points
+from tools.simulator.settings import MotionSettings
+from tools.simulator.spline import UniformSpline
+
+_TIME_STEP = 0.25
+_STOP_S = 1.0
+"""[s] at rest at the end of the route."""
+_SIDE_ACCELERATION = 1.0
+"""[m/s²] most in a bend."""
+_WOBBLE_WAVELENGTHS = np.array([3.0, 12.0])
+_VIBRATION_HZ = np.array([15.0, 60.0])
+_WAVES = 6
+
+Derivatives = tuple[Array, Array, Array]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionState:
+    """Motion of the IMU at n times.
+
+    position, velocity, acceleration : (n, 3) in the map frame [m, m/s, m/s²].
+    R_map_imu : (n, 3, 3); angular_velocity, angular_acceleration : (n, 3) in the imu frame [rad/s, rad/s²].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    R_map_imu: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+
+    def poses(self) -> Array:
+        """``T_map_imu`` (n, 4, 4)."""
+        return se3(self.R_map_imu, self.position)
+
+    def specific_force(self) -> Array:
+        """What an ideal accelerometer reads (n, 3), ``R^T (a - g)`` with g downwards [m/s², imu frame]."""
+        a = self.acceleration + np.array([0.0, 0.0, STANDARD_GRAVITY])
+        return np.asarray(np.einsum("nji,nj->ni", self.R_map_imu, a))
+
+    def point(self, p_imu: Array) -> Array:
+        """Positions (n, 3) in the map frame of a point fixed to the body, ``p_imu`` (3,)."""
+        return np.asarray(self.position + self.R_map_imu @ np.asarray(p_imu))
+
+    def point_velocity(self, p_imu: Array) -> Array:
+        """Velocities (n, 3) of that point, in the imu frame: ``R^T v + ω x p`` (paper 000, Eq. 10)."""
+        v_imu = np.einsum("nji,nj->ni", self.R_map_imu, self.velocity)
+        return np.asarray(v_imu + np.cross(self.angular_velocity, p_imu))
+
+
+class Motion:
+    """The motion over a route: from rest, at cruising speed where the bends allow it, to rest.
+
+    Parameters
+    ----------
+    floor : (n, 3) route points on the floor, map frame.
+    settings : speed, height, smoothing, wobble, vibration.
+    seed : of the phases of wobble and vibration.
+
+    Attributes
+    ----------
+    duration_s : from standing still to standing still; length : of the path [m].
+    """
+
+    def __init__(self, floor: Array, settings: MotionSettings, seed: int) -> None:
+        controls = control_points(floor, settings)
+        self._origin = np.round(controls.mean(axis=0))
+        self._path = UniformSpline(controls - self._origin, CONTROL_STEP, ends="straight")
+        times, progress, self.length = _timetable(self._path, settings)
+        count = int(np.ceil(times[-1] / _TIME_STEP)) + 1
+        self._progress = UniformSpline(
+            np.interp(np.arange(count) * _TIME_STEP, times, progress), _TIME_STEP, ends="rest"
+        )
+        self.duration_s = self._progress.end
+        self._follow_slope = settings.follow_slope
+        rng = np.random.default_rng([seed, 5])
+        over_path, over_time = 2.0 * np.pi / _WOBBLE_WAVELENGTHS, 2.0 * np.pi * _VIBRATION_HZ
+        self._wobble = _Sines.draw(rng, over_path, np.radians(settings.wobble_deg))
+        self._shaking = _Sines.draw(rng, over_time, settings.vibration_accel, integrals=2)
+        self._twisting = _Sines.draw(rng, over_time, settings.vibration_gyro, integrals=1)
+
+    def __call__(self, t: Array) -> MotionState:
+        """State at times ``t`` (n,) [s] since the start, clamped to the motion's duration."""
+        t = np.asarray(t, dtype=np.float64)
+        q = tuple(self._progress(t, order)[:, None] for order in range(3))
+        path = tuple(self._path(q[0][:, 0], order) for order in range(4))
+        position, velocity, acceleration = _in_time((path[0], path[1], path[2]), q)
+        shake = self._shaking(t)
+        angles = self._angles(path, q) + Angles(*self._twisting(t))
+        return MotionState(
+            position + self._origin + shake[0],
+            velocity + shake[1],
+            acceleration + shake[2],
+            angles.rotation(),
+            angles.angular_velocity(),
+            angles.angular_acceleration(),
+        )
+
+    def _angles(self, path: tuple[Array, ...], q: tuple[Array, ...]) -> Angles:
+        """Yaw along the path, pitch along its slope if that is followed, wobble of roll and pitch."""
+        x, y, z = ((path[1][:, axis], path[2][:, axis], path[3][:, axis]) for axis in range(3))
+        yaw = direction(x, y)
+        over_path = [np.zeros((len(q[0]), 3)) for _ in range(3)]
+        for order in range(3):
+            over_path[order][:, 2] = yaw[order]
+        if self._follow_slope:
+            for order, slope in enumerate(direction(_length(x, y), z)):
+                over_path[order][:, 1] = -slope
+        for order, wobble in enumerate(self._wobble(q[0][:, 0])):
+            over_path[order][:, :2] += wobble[:, :2]
+        return Angles(*_in_time((over_path[0], over_path[1], over_path[2]), q))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sines:
+    """Three sums of sines: ``frequencies``, ``amplitudes``, ``phases`` (w, 3)."""
+
+    frequencies: Array
+    amplitudes: Array
+    phases: Array
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, band: Array, rms: float, *, integrals: int = 0) -> _Sines:
+        """Random sines in ``band`` [rad per unit]; the ``integrals``-th derivative of each sum has this RMS."""
+        frequencies = rng.uniform(band.min(), band.max(), size=(_WAVES, 3))
+        amplitudes = rms * np.sqrt(2.0 / _WAVES) / frequencies**integrals
+        return cls(frequencies, amplitudes, rng.uniform(0.0, 2.0 * np.pi, size=(_WAVES, 3)))
+
+    def __call__(self, x: Array) -> Derivatives:
+        """Values (n, 3) and two derivatives at ``x`` (n,)."""
+        if not self.amplitudes.any():
+            zero = np.zeros((len(x), 3))
+            return zero, zero, zero
+        w = self.frequencies
+        phase = x[:, None, None] * w + self.phases
+        sine, cosine = self.amplitudes * np.sin(phase), self.amplitudes * np.cos(phase)
+        return sine.sum(axis=1), (w * cosine).sum(axis=1), -(w * w * sine).sum(axis=1)
+
+
+def _in_time(f: Derivatives, q: tuple[Array, ...]) -> Derivatives:
+    """Chain rule: ``f(q)`` and its derivatives by q into derivatives by time."""
+    return f[0], f[1] * q[1], f[2] * q[1] ** 2 + f[1] * q[2]
+
+
+def _length(x: Derivatives, y: Derivatives) -> Derivatives:
+    """``sqrt(x² + y²)`` and its two derivatives."""
+    length = np.hypot(x[0], y[0])
+    first = (x[0] * x[1] + y[0] * y[1]) / length
+    second = (x[1] ** 2 + y[1] ** 2 + x[0] * x[2] + y[0] * y[2] - first**2) / length
+    return length, first, second
+
+
+def _timetable(path: UniformSpline, settings: MotionSettings) -> tuple[Array, Array, float]:
+    """Times (n,) [s] at which the path parameter reaches values (n,), and the path's length [m].
+
+    The speed is limited by the cruising speed and the bends; then by the acceleration, forwards and
+    backwards.
+    """
+    q = np.linspace(0.0, path.end, max(3, round(path.end / 0.1) + 1))
+    first, second = path(q, 1), path(q, 2)
+    pace = np.linalg.norm(first, axis=1)
+    bend = np.linalg.norm(np.cross(first, second), axis=1) / pace**3
+    distance = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.diff(q))])
+    bend = np.maximum(bend, 1e-6)
+    square = (
+        np.minimum(settings.speed, np.minimum(settings.max_yaw_rate / bend, np.sqrt(_SIDE_ACCELERATION / bend))) ** 2
+    )
+    square[[0, -1]] = 0.0
+    gain = 2.0 * settings.max_accel * distance
+    square = np.minimum.accumulate(square - gain) + gain
+    square = np.minimum.accumulate((square + gain)[::-1])[::-1] - gain
+    speed = np.sqrt(np.maximum(square, 0.0))
+    durations = 2.0 * np.diff(distance) / (speed[1:] + speed[:-1])
+    times = settings.still_s + np.concatenate([[0.0], np.cumsum(durations)])
+    return np.append(times, times[-1] + _STOP_S), np.append(q, q[-1]), float(distance[-1])

@@ -1,0 +1,75 @@
+"""Settings of a simulation: how the robot moves, what is wrong with its sensors, and how much is recorded."""
+
+from __future__ import annotations
+
+from pydantic import Field, FiniteFloat, NonNegativeFloat, PositiveFloat
+
+from semmap.settings import Settings
+
+
+class MotionSettings(Settings):
+    """How the route is driven or flown.
+
+    speed : cruising speed [m/s]; height : of the IMU above the route's floor points [m].
+    still_s : time at rest before the start [s]; corner : how far the route is smoothed, 1σ [m].
+    max_accel, max_yaw_rate : limits along the path [m/s²] and in bends [rad/s]; the speed drops to keep them.
+    wobble_deg : RMS of the slow roll and pitch motion over the path [deg].
+    follow_slope : the body pitches with the path (a vehicle) or stays level (a multirotor).
+    vibration_accel, vibration_gyro : RMS of the engine's shaking, 15 to 60 Hz [m/s², rad/s].
+    """
+
+    speed: PositiveFloat = Field(2.0, le=30.0)
+    height: NonNegativeFloat = 1.3
+    still_s: NonNegativeFloat = 2.0
+    corner: PositiveFloat = Field(2.0, le=20.0)
+    max_accel: PositiveFloat = 0.5
+    max_yaw_rate: PositiveFloat = 0.6
+    wobble_deg: NonNegativeFloat = Field(1.0, le=15.0)
+    follow_slope: bool = True
+    vibration_accel: NonNegativeFloat = 0.0
+    vibration_gyro: NonNegativeFloat = 0.0
+
+
+class SensorFaults(Settings):
+    """What goes wrong beyond the noise that the rig declares.
+
+    noise : factor on every noise and bias of the rig; 0 makes perfect sensors.
+    lidar_dropout : share of returns lost at random.
+    lidar_grazing : cosine of incidence at which 63 % still return.
+    lidar_far_loss : share lost at the maximum range (it grows with the sixth power of the range).
+    wheel_scale_std : 1σ of the constant scale error.
+    wheel_slips_per_min, wheel_slip : how often the wheel slips, for about a second, and by how much on average.
+    uwb_nlos_bias : mean excess of a range through rock [m].
+    uwb_outlier_rate : share of ranges that are anything.
+    """
+
+    noise: NonNegativeFloat = 1.0
+    lidar_dropout: FiniteFloat = Field(0.005, ge=0.0, le=1.0)
+    lidar_grazing: NonNegativeFloat = 0.02
+    lidar_far_loss: FiniteFloat = Field(0.5, ge=0.0, le=1.0)
+    wheel_scale_std: NonNegativeFloat = 0.005
+    wheel_slips_per_min: NonNegativeFloat = 0.5
+    wheel_slip: NonNegativeFloat = 0.2
+    uwb_nlos_bias: NonNegativeFloat = 0.6
+    uwb_outlier_rate: FiniteFloat = Field(0.01, ge=0.0, le=1.0)
+
+    @classmethod
+    def none(cls) -> SensorFaults:
+        """Perfect sensors: no noise, no bias, nothing lost."""
+        return cls(**dict.fromkeys(cls.model_fields, 0.0))
+
+
+class SimulationSettings(Settings):
+    """Everything `simulate` can be told.
+
+    start_s : what is cut off the beginning; more than the time at rest, and the recording starts in motion.
+    duration_s : length of the recording, to the end of the route if None.
+    map_spacing, map_noise : of the prior map's points [m].
+    """
+
+    motion: MotionSettings = MotionSettings()
+    faults: SensorFaults = SensorFaults()
+    start_s: NonNegativeFloat = 0.0
+    duration_s: PositiveFloat | None = None
+    map_spacing: PositiveFloat = 0.1
+    map_noise: NonNegativeFloat = 0.01
