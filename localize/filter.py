@@ -126,7 +126,8 @@ class ErrorStateFilter:
             PA = np.zeros((ERROR_DIM, ERROR_DIM))
             PA[:, info.columns] = self.P[:, info.columns] @ info.A
             M = np.eye(ERROR_DIM) + PA
-            delta = np.asarray(np.linalg.solve(M, self.P[:, info.columns] @ info.b - self.state.boxminus(predicted)), dtype=np.float64)
+            pull = self.P[:, info.columns] @ info.b - self.state.boxminus(predicted)
+            delta = np.asarray(np.linalg.solve(M, pull), dtype=np.float64)
             self.state = self.state.boxplus(delta)
             if np.abs(delta[:6]).max() < tolerance:
                 break
