@@ -106,9 +106,7 @@ def _skip_rows(file: BinaryIO, encoding: str, element: _Element) -> None:
 
 def _read_rows(file: BinaryIO, encoding: str, element: _Element) -> NDArray[Any]:
     if encoding == "ascii":
-        values = (
-            read_numbers(file, element.count) if element.count else np.empty((0, len(element.properties)))
-        )
+        values = read_numbers(file, element.count) if element.count else np.empty((0, len(element.properties)))
         table = np.empty(len(values), [(name, np.float64) for name, _ in element.properties])
         for k, (name, _) in enumerate(element.properties):
             table[name] = values[:, k]

@@ -110,9 +110,7 @@ def _size(path: Path) -> int:
     try:
         return path.stat().st_size
     except OSError as reason:
-        raise InputFileError(
-            f"cannot be read ({reason.strerror})", file=path, mend="check the path"
-        ) from None
+        raise InputFileError(f"cannot be read ({reason.strerror})", file=path, mend="check the path") from None
 
 
 def _read(path: Path) -> Iterator[_Part]:
@@ -191,9 +189,7 @@ def _crs_of(path: Path) -> str | None:
 
 def _one_crs(known: str | None, found: str | None, path: Path) -> str | None:
     if known is not None and found is not None and known != found:
-        raise InputFileError(
-            "is in another coordinate system than the files before it", file=path, mend="reproject it"
-        )
+        raise InputFileError("is in another coordinate system than the files before it", file=path, mend="reproject it")
     return known if known is not None else found
 
 

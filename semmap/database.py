@@ -212,9 +212,7 @@ class _Group:
 
     def __init__(self, file: Any, name: str) -> None:
         self._name = name
-        if not isinstance(file.get(name, getlink=True), h5py.HardLink) or not isinstance(
-            file[name], h5py.Group
-        ):
+        if not isinstance(file.get(name, getlink=True), h5py.HardLink) or not isinstance(file[name], h5py.Group):
             raise DatabaseError("is missing or not a group", field=name)
         self._group = file[name]
 
@@ -230,9 +228,7 @@ class _Group:
             raise self.fault(name, "is not a data set of this file")
         if data.dtype != np.dtype(dtype):
             raise self.fault(name, f"is of type {data.dtype}, not {np.dtype(dtype)}")
-        fits = len(data.shape) == len(shape) and all(
-            w in (None, n) for n, w in zip(data.shape, shape, strict=True)
-        )
+        fits = len(data.shape) == len(shape) and all(w in (None, n) for n, w in zip(data.shape, shape, strict=True))
         if not fits:
             wanted = ", ".join("any" if n is None else str(n) for n in shape)
             raise self.fault(name, f"has shape {data.shape}, not ({wanted})")
@@ -241,9 +237,7 @@ class _Group:
             raise self.fault(name, "holds NaN or infinity")
         return values
 
-    def ragged(
-        self, owner: str, name: str, dtype: Any, rows: int, row_shape: tuple[int, ...]
-    ) -> list[NDArray[Any]]:
+    def ragged(self, owner: str, name: str, dtype: Any, rows: int, row_shape: tuple[int, ...]) -> list[NDArray[Any]]:
         """The rows of a ragged column."""
         offsets = self.column(f"{owner}_offsets", np.int64, (rows + 1,))
         values = self.column(f"{owner}_{name}", dtype, (None, *row_shape))
@@ -275,8 +269,7 @@ def _read_intersections(group: _Group) -> tuple[Intersection, ...]:
     if unknown := set(kinds) - set(KINDS):
         raise group.fault("kind", f"holds {unknown.pop()!r}, which is none of {', '.join(KINDS)}")
     return tuple(
-        Intersection(int(ids[k]), p_map[k], kinds[k], bearings[k], widths[k], contours[k], clouds[k])
-        for k in range(n)
+        Intersection(int(ids[k]), p_map[k], kinds[k], bearings[k], widths[k], contours[k], clouds[k]) for k in range(n)
     )
 
 

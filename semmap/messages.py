@@ -84,9 +84,7 @@ def decode_uwb(message: Any, block: UwbBlock) -> UwbRange | None:
     frame = str(message.header.frame_id)
     number = frame.removeprefix(_ANCHOR)
     if not frame.startswith(_ANCHOR) or not number.isdecimal():
-        raise RecordingError(
-            f"frame_id {frame!r} names no anchor", field=block.topic, mend=f"set `{_ANCHOR}<id>`"
-        )
+        raise RecordingError(f"frame_id {frame!r} names no anchor", field=block.topic, mend=f"set `{_ANCHOR}<id>`")
     if int(number) not in block.anchors:
         known = ", ".join(map(str, sorted(block.anchors)))
         raise RecordingError(
@@ -158,9 +156,7 @@ class MessageMaker:
         }
         sensor = kinds[type(measurement)]
         if getattr(self._rig, sensor) is None:
-            raise RecordingError(
-                f"the rig has no {sensor}", field=sensor, mend=f"add a `{sensor}` block to the rig"
-            )
+            raise RecordingError(f"the rig has no {sensor}", field=sensor, mend=f"add a `{sensor}` block to the rig")
         return sensor
 
     def make(self, measurement: Measurement) -> Any:
@@ -178,9 +174,7 @@ class MessageMaker:
                 return self._range(stamp, measurement)
             case PrismFix():
                 point = self._new("geometry_msgs/msg/Point", *measurement.p_map.tolist())
-                return self._new(
-                    "geometry_msgs/msg/PointStamped", self._header(stamp, self._rig.frame), point
-                )
+                return self._new("geometry_msgs/msg/PointStamped", self._header(stamp, self._rig.frame), point)
 
     def _new(self, name: str, *values: Any) -> Any:
         return self._types[name](*values)
@@ -211,9 +205,7 @@ class MessageMaker:
         )
 
     def _twist(self, stamp: int, wheel: WheelSpeed) -> Any:
-        twist = self._new(
-            "geometry_msgs/msg/Twist", self._vector(wheel.speed, 0.0, 0.0), self._vector(0.0, 0.0, 0.0)
-        )
+        twist = self._new("geometry_msgs/msg/Twist", self._vector(wheel.speed, 0.0, 0.0), self._vector(0.0, 0.0, 0.0))
         return self._new("geometry_msgs/msg/TwistStamped", self._header(stamp, "wheel"), twist)
 
     def _range(self, stamp: int, uwb: UwbRange) -> Any:

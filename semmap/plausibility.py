@@ -23,7 +23,7 @@ def check_clocks(first_stamps: Mapping[str, int], duration_s: float) -> None:
         return
     (early, low), (late, high) = by_stamp[0], by_stamp[-1]
     if (high - low) * 1e-9 > duration_s + 1.0:
-        apart = f"{(high - low) * 1e-9:.9g} s apart in {duration_s:.3g} s of recording"
+        apart = f"{(high - low) * 1e-9:.3g} s apart in {duration_s:.3g} s of recording"
         raise RecordingError(
             f"header stamps of {early} and {late} are {apart}",
             field=late,
@@ -35,13 +35,9 @@ def check_imu(messages: Iterable[tuple[str, Any]], block: ImuBlock) -> None:
     """Raise `RecordingError` where the first samples are not finite, stand still, or in another unit."""
     samples = [sample for _, message in messages if (sample := decode_imu(message, block)) is not None]
     if not samples:
-        raise RecordingError(
-            "none of the first samples is finite", field=block.topic, mend="check the IMU driver"
-        )
+        raise RecordingError("none of the first samples is finite", field=block.topic, mend="check the IMU driver")
     if len(samples) > 1 and samples[0].stamp_ns == samples[-1].stamp_ns:
-        raise RecordingError(
-            "header stamps stand still", field=block.topic, mend="have the driver fill them in"
-        )
+        raise RecordingError("header stamps stand still", field=block.topic, mend="have the driver fill them in")
     accel = float(np.median([np.linalg.norm(sample.accel) for sample in samples]))
     _check_accel_unit(accel, block)
 
@@ -91,7 +87,5 @@ def time_samples(clouds: Iterable[Any], block: LidarBlock) -> list[TimeSample]:
             mend="check the driver, `min_range` and `max_range` in the rig, and that coordinates are metres",
         )
     if len(samples) > 1 and len({sample.header_ns for sample in samples}) == 1:
-        raise RecordingError(
-            "header stamps stand still", field=block.topic, mend="have the driver fill them in"
-        )
+        raise RecordingError("header stamps stand still", field=block.topic, mend="have the driver fill them in")
     return samples

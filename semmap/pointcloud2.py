@@ -59,9 +59,7 @@ def point_table(cloud: PointCloud2Message) -> NDArray[Any]:
     if width * height == 0:
         return np.empty(0, dtype)
     if row_step < width * step:
-        raise CloudError(
-            f"row_step {row_step} is shorter than {width} points of {step} bytes", field="row_step"
-        )
+        raise CloudError(f"row_step {row_step} is shorter than {width} points of {step} bytes", field="row_step")
     needed = row_step * (height - 1) + width * step
     if len(data) < needed:
         raise CloudError(f"holds {len(data)} of {needed} bytes", field="data", mend="the cloud is cut off")
@@ -76,9 +74,7 @@ def _row_dtype(cloud: PointCloud2Message) -> np.dtype[Any]:
     for field in cloud.fields:
         name, code = field.name.strip("\0 "), _DTYPES.get(int(field.datatype))
         if code is None:
-            raise CloudError(
-                f"has the unknown datatype {field.datatype}", field=name, mend="datatypes are 1 to 8"
-            )
+            raise CloudError(f"has the unknown datatype {field.datatype}", field=name, mend="datatypes are 1 to 8")
         if int(field.offset) + int(code[1]) > int(cloud.point_step):
             raise CloudError(f"lies beyond the {cloud.point_step} bytes of a point", field=name)
         if int(field.count) <= 1:
@@ -98,9 +94,7 @@ def coordinates(table: NDArray[Any]) -> NDArray[np.float32]:
     names = table.dtype.names or ()
     for axis in "xyz":
         if axis not in names:
-            raise CloudError(
-                "is missing", field=axis, mend=f"the cloud has {', '.join(names) or 'no fields'}"
-            )
+            raise CloudError("is missing", field=axis, mend=f"the cloud has {', '.join(names) or 'no fields'}")
     points = np.empty((len(table), 3), np.float32)
     with np.errstate(over="ignore"):
         points[:, 0], points[:, 1], points[:, 2] = table["x"], table["y"], table["z"]
@@ -122,9 +116,7 @@ def within_range(points: NDArray[np.float32], min_range: float, max_range: float
 
 def encode_scan(scan: Scan) -> tuple[list[FieldLayout], int, NDArray[np.uint8]]:
     """Columns, point size and bytes of a scan: x y z, intensity, ring if there, time [s] after the stamp."""
-    columns: list[tuple[str, str, NDArray[Any]]] = [
-        (axis, "f4", scan.points[:, k]) for k, axis in enumerate("xyz")
-    ]
+    columns: list[tuple[str, str, NDArray[Any]]] = [(axis, "f4", scan.points[:, k]) for k, axis in enumerate("xyz")]
     if scan.intensity is not None:
         columns.append(("intensity", "f4", scan.intensity))
     if scan.ring is not None:

@@ -131,11 +131,7 @@ def _candidate_fields(names: Sequence[str], block: LidarBlock) -> list[str]:
     found = [name for field in wanted if (name := find_column(names, (field,)))]
     if found:
         return found
-    what = (
-        "points have no time field"
-        if block.time_field is None
-        else f"points have no field `{block.time_field}`"
-    )
+    what = "points have no time field" if block.time_field is None else f"points have no field `{block.time_field}`"
     raise RecordingError(
         f"{what}; fields are {', '.join(names)}",
         field=block.topic,
@@ -152,9 +148,7 @@ def _classify_field(field: str, samples: Sequence[TimeSample], block: LidarBlock
         _refuse_coarse(columns, given, block)
         return given
     period_ns = _scan_period_ns(samples, block)
-    units = [
-        unit for unit in _UNIT_NS if block.time_unit in (None, unit) and _span_fits(columns, unit, period_ns)
-    ]
+    units = [unit for unit in _UNIT_NS if block.time_unit in (None, unit) and _span_fits(columns, unit, period_ns)]
     readings = [
         PointTimeFormat(field, unit, reference)
         for unit in units

@@ -91,9 +91,7 @@ class RecordingReader(Iterator[Measurement]):
                 else:
                     yield measurement
             if done < total:
-                raise RecordingError(
-                    f"breaks off after {done} of {total} messages", mend="record or copy it again"
-                )
+                raise RecordingError(f"breaks off after {done} of {total} messages", mend="record or copy it again")
 
 
 def read_recording(path: str | Path, rig: Rig, *, progress: Progress | None = None) -> RecordingReader:
@@ -143,9 +141,7 @@ def _decoders(rig: Rig, times: PointTimeFormat | None) -> dict[str, Callable[[An
 
 def _first_stamps(bag: _Bag, rig: Rig) -> dict[str, int]:
     """Topic -> stamp of its first message on the IMU's clock, for the topics that have one."""
-    firsts = {
-        block.topic: (block, next(bag.messages([block.topic]), None)) for block in sensor_blocks(rig).values()
-    }
+    firsts = {block.topic: (block, next(bag.messages([block.topic]), None)) for block in sensor_blocks(rig).values()}
     return {topic: stamp_ns(first[1], block) for topic, (block, first) in firsts.items() if first is not None}
 
 
@@ -156,17 +152,13 @@ def _check_topics(topics: tuple[TopicInfo, ...], rig: Rig) -> None:
         wanted = MESSAGE_TYPES[sensor]
         fitting = [topic.name for topic in topics if topic.type in wanted]
         others = (
-            f"topics that fit: {', '.join(fitting)}"
-            if fitting
-            else f"it has no topic of type {' or '.join(wanted)}"
+            f"topics that fit: {', '.join(fitting)}" if fitting else f"it has no topic of type {' or '.join(wanted)}"
         )
         topic = present.get(block.topic)
         if topic is None:
             raise RecordingError(f"has no topic {block.topic}", field=f"{sensor}.topic", mend=others)
         if topic.type not in wanted:
-            raise RecordingError(
-                f"{block.topic} is of type {topic.type}", field=f"{sensor}.topic", mend=others
-            )
+            raise RecordingError(f"{block.topic} is of type {topic.type}", field=f"{sensor}.topic", mend=others)
         if not topic.count and sensor in ("imu", "lidar"):
             raise RecordingError(f"{block.topic} has no messages", field=f"{sensor}.topic", mend=others)
 
@@ -209,13 +201,14 @@ class _Bag:
 
 
 def _typestore(connections: list[Connection], builtin: Any) -> Any:
-    """Message types as the recording itself defines them; the built-in ones where it does not."""
+    """Message types as the recording itself defines them; the built-in ones where it does not (old sqlite3 bags)."""
     types: dict[str, Any] = {}
     for connection in connections:
-        if connection.msgdef.format == MessageDefinitionFormat.MSG:
-            types.update(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        if connection.msgdef.format != MessageDefinitionFormat.MSG:
+            return builtin
+        types.update(get_types_from_msg(connection.msgdef.data, connection.msgtype))
     store = get_typestore(Stores.EMPTY)
-    store.register({**builtin.fielddefs, **types})
+    store.register(types)
     return store
 
 
@@ -260,9 +253,7 @@ def _file_reader(path: Path) -> Any:
     if suffix == ".bag":
         return rosbag1.Reader(path)
     if path.suffix != suffix:
-        raise RecordingError(
-            f"is a {suffix} file by its content", file=path, mend=f"rename it to end in {suffix}"
-        )
+        raise RecordingError(f"is a {suffix} file by its content", file=path, mend=f"rename it to end in {suffix}")
     return rosbag2.Reader(path)
 
 

@@ -121,9 +121,7 @@ def test_adjoint_is_a_homomorphism():
 def test_left_jacobian_is_the_derivative_of_exp(angle):
     theta = angle * axes(1)[0]
     step = 1e-6
-    columns = [
-        so3_log(so3_exp(theta + step * e) @ so3_exp(theta - step * e).T) / (2 * step) for e in np.eye(3)
-    ]
+    columns = [so3_log(so3_exp(theta + step * e) @ so3_exp(theta - step * e).T) / (2 * step) for e in np.eye(3)]
     assert_allclose(so3_left_jacobian(theta), np.stack(columns, axis=1), atol=2e-9)
 
 
