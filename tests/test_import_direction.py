@@ -52,9 +52,7 @@ def test_a_file_imports_only_from_rooms_below(path: Path) -> None:
 @pytest.mark.parametrize("library", DOORS)
 def test_a_heavy_library_has_one_door(library: str) -> None:
     users = [
-        str(path.relative_to(ROOT))
-        for path in FILES
-        if library in {name.split(".")[0] for name in imported(path)}
+        str(path.relative_to(ROOT)) for path in FILES if library in {name.split(".")[0] for name in imported(path)}
     ]
     assert [user for user in users if not user.startswith(DOORS[library])] == []
 

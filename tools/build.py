@@ -10,8 +10,8 @@ from maps.build import build_semantic_map
 from maps.prior_map import read_prior_map
 from semmap import database
 from semmap.intersections import SemanticMap
+from tools.files import writable_directory
 from tools.progress import progress_bar
-from tools.run import writable_directory
 from tools.settings import ToolSettings
 
 

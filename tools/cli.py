@@ -83,9 +83,7 @@ def _common_options(
     ctx: typer.Context,
     config: Annotated[Path | None, typer.Option(metavar="FILE", help="Settings (YAML).")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random.")] = None,
-    dump_config: Annotated[
-        bool, typer.Option("--dump-config", help="Print the settings in use and stop.")
-    ] = False,
+    dump_config: Annotated[bool, typer.Option("--dump-config", help="Print the settings in use and stop.")] = False,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say more; show tracebacks.")] = False,
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
 ) -> None:
@@ -126,22 +124,15 @@ def simulate(
 
     Writes prior_map.laz, recording/, rig.yaml, ground_truth.tum and junctions.csv.
     """
-    from tools.progress import progress_bar
-    from tools.simulator import simulate as run_simulation
+    from tools.simulate import simulate_mine
 
-    settings = _common.settings()
-    with progress_bar("simulating") as progress:
-        run_simulation(
-            source, out=out, route=route, seed=settings.seed, settings=settings.simulate, progress=progress
-        )
-    typer.echo(f"simulated {source}: {out}")
+    done = simulate_mine(source, out, _common.settings(), route=route)
+    typer.echo(f"{done.mine}: {done.scans} scans, {done.duration_s:.0f} s, {done.length_m:.0f} m: {out}")
 
 
 @app.command(epilog=EPILOG)
 def build(
-    maps: Annotated[
-        list[Path], typer.Argument(metavar="MAP...", help="Point clouds: PCD, PLY, LAS, LAZ, E57.")
-    ],
+    maps: Annotated[list[Path], typer.Argument(metavar="MAP...", help="Point clouds: PCD, PLY, LAS, LAZ, E57.")],
     out: Annotated[Path, typer.Option(metavar="DB.h5", help="The semantic database to write.")],
 ) -> None:
     """Build the semantic database of a mine from its point-cloud map."""
@@ -163,14 +154,10 @@ def info(
 
 @app.command(epilog=EPILOG)
 def localize(
-    recording: Annotated[
-        Path, typer.Argument(metavar="RECORDING", help="rosbag1 .bag, or rosbag2 sqlite3 or MCAP.")
-    ],
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="rosbag1 .bag, or rosbag2 sqlite3 or MCAP.")],
     rig: Annotated[Path, typer.Option(metavar="rig.yaml", help="The robot's sensors.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files of the run go.")],
-    database: Annotated[
-        Path | None, typer.Option("--map", metavar="DB.h5", help="The semantic database.")
-    ] = None,
+    database: Annotated[Path | None, typer.Option("--map", metavar="DB.h5", help="The semantic database.")] = None,
     without: Annotated[
         str,
         typer.Option(metavar="LIST", help="Leave out, comma-separated: uwb,wheel,prism,lidar,intersections."),

@@ -14,7 +14,7 @@ from tools.progress import progress_bar
 from tools.report import write_report
 from tools.run import localize_recording
 from tools.settings import ToolSettings
-from tools.simulator import simulate
+from tools.simulate import simulate_mine
 
 SCENARIO = "demo"
 
@@ -23,14 +23,11 @@ def run_demo(out: Path, settings: ToolSettings) -> None:
     """Simulate a mine, build its database, localize with and without it, evaluate, report; all in ``out``."""
     console = Console()
     mine, database = out / "mine", out / "mine.h5"
-    with progress_bar("simulating a mine and a flight") as progress:
-        simulate(SCENARIO, out=mine, seed=settings.seed, settings=settings.simulate, progress=progress)
+    simulate_mine(SCENARIO, mine, settings)
     semantic_map = build_database([mine / "prior_map.laz"], database, settings)
     console.print(f"semantic database: {len(semantic_map)} intersections ({database})", highlight=False)
     write_report(database, out / "mine.html")
-    runs = {
-        name: _run(mine, out / name, database if name == "with_database" else None, settings) for name in RUNS
-    }
+    runs = {name: _run(mine, out / name, database if name == "with_database" else None, settings) for name in RUNS}
     console.print(comparison(runs))
     report = out / "report.html"
     write_report(out / "with_database", report)
@@ -64,7 +61,10 @@ def comparison(runs: dict[str, dict[str, Any]]) -> Table:
         table.add_column(column, justify="left" if not column else "right")
     for name, run in runs.items():
         table.add_row(
-            RUNS[name], *_error_cells(run), str(run["recognised"]), f"{run['ms_per_scan_median']:.0f}"
+            RUNS[name],
+            *_error_cells(run),
+            str(len(run["intersections_recognised"])),
+            f"{run['ms_per_scan_median']:.0f}",
         )
     return table
 

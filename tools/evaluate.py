@@ -55,15 +55,9 @@ def evaluate_run(run: str | Path, truth_file: str | Path) -> dict[str, Any]:
 def load_trajectories(run: str | Path) -> dict[str, Trajectory]:
     """The trajectories of a run directory by name; raises `InputFileError` where there is none."""
     run = Path(run)
-    found = {
-        name: Trajectory.load_tum(run / f"{name}.tum")
-        for name in TRAJECTORIES
-        if (run / f"{name}.tum").is_file()
-    }
+    found = {name: Trajectory.load_tum(run / f"{name}.tum") for name in TRAJECTORIES if (run / f"{name}.tum").is_file()}
     if not found:
-        raise InputFileError(
-            "holds no trajectory.tum", file=run, mend="give the --out directory of `semmap localize`"
-        )
+        raise InputFileError("holds no trajectory.tum", file=run, mend="give the --out directory of `semmap localize`")
     return found
 
 
@@ -81,10 +75,7 @@ def read_check_points(path: str | Path) -> CheckPoints:
     """Check points from a CSV: columns ``time`` (or ``stamp``, seconds), ``x, y, z`` and maybe ``name``."""
     try:
         with Path(path).open(newline="", encoding="utf-8") as file:
-            rows = [
-                {key.strip().lower(): value for key, value in row.items() if key}
-                for row in csv.DictReader(file)
-            ]
+            rows = [{key.strip().lower(): value for key, value in row.items() if key} for row in csv.DictReader(file)]
     except (OSError, UnicodeDecodeError) as reason:
         raise TrajectoryError(f"cannot be read ({reason})", file=path, mend="check the path") from None
     names, stamps, points = [], [], []
@@ -101,26 +92,22 @@ def read_check_points(path: str | Path) -> CheckPoints:
             ) from None
         names.append((row.get("name") or str(number - 1)).strip())
     if not points or not np.isfinite(points).all():
-        raise TrajectoryError(
-            "holds no finite check points", file=path, mend="columns: time,x,y,z and maybe name"
-        )
+        raise TrajectoryError("holds no finite check points", file=path, mend="columns: time,x,y,z and maybe name")
     return CheckPoints(tuple(names), np.array(stamps, np.int64), np.array(points))
 
 
 def _compare_trajectory(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:
-    """All figures of one trajectory; the errors without alignment only where it claims the map frame."""
+    """All figures of one trajectory: errors as it stands in the map, or else from the true start."""
     row: dict[str, Any] = {"frame": estimate.frame, "poses": len(estimate)}
     pairs = metrics.associate(estimate, truth)
     row["compared"] = len(pairs)
     if not len(pairs):
         return row
     row["flown_m"] = float(pairs.distance_flown()[-1])
-    if estimate.frame == MAP_FRAME:
-        row["absolute"] = _errors(pairs)
-    row["from_start"] = _errors(pairs.aligned(metrics.start_alignment(pairs)))
+    in_map = pairs if estimate.frame == MAP_FRAME else pairs.aligned(metrics.start_alignment(pairs))
+    row["absolute" if estimate.frame == MAP_FRAME else "from_start"] = _errors(in_map)
     row["aligned"] = _errors(pairs.aligned(metrics.best_alignment(pairs)))
     row["relative"] = metrics.relative_errors(pairs)
-    in_map = pairs if estimate.frame == MAP_FRAME else pairs.aligned(metrics.start_alignment(pairs))
     row["rep_percent"] = metrics.rep(in_map)
     return row
 
@@ -140,9 +127,7 @@ def _compare_points(estimate: Trajectory, truth: CheckPoints) -> dict[str, Any]:
     errors = metrics.point_errors(estimate, truth.stamps_ns, truth.points)
     known = errors[np.isfinite(errors)]
     row["check_points"] = {
-        "errors": {
-            name: float(e) if np.isfinite(e) else None for name, e in zip(truth.names, errors, strict=True)
-        },
+        "errors": {name: float(e) if np.isfinite(e) else None for name, e in zip(truth.names, errors, strict=True)},
         "AvgErr": float(known.mean()) if len(known) else None,
         "TotalErr": float(known.sum()) if len(known) else None,
         "compared": len(known),

@@ -143,9 +143,7 @@ def relative_errors(
                 "length_m": length,
                 "segments": len(start),
                 "translation_percent": float(np.linalg.norm(error[:, :3, 3], axis=1).mean() / length * 100.0),
-                "rotation_deg_per_100m": float(
-                    np.degrees(rotation_angle(error[:, :3, :3])).mean() / length * 100.0
-                ),
+                "rotation_deg_per_100m": float(np.degrees(rotation_angle(error[:, :3, :3])).mean() / length * 100.0),
             }
         )
     return rows

@@ -9,12 +9,12 @@ from __future__ import annotations
 import difflib
 import importlib.metadata
 import json
-import os
 import platform
 import resource
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,11 @@ import numpy as np
 import semmap
 from localize import LocalizationResult, Localizer
 from semmap import database
-from semmap.errors import InputFileError, SettingsError
-from semmap.files import written_whole
+from semmap.errors import SettingsError
 from semmap.measurements import Measurement
 from semmap.recordings import read_recording
 from semmap.rig import Rig
+from tools.files import writable_directory, write_text
 from tools.progress import Advance
 from tools.settings import ToolSettings
 
@@ -58,18 +58,20 @@ def localize_recording(
     check_aids(without)
     writable_directory(out)
     rig = Rig.from_yaml(rig_file).without(*without)
-    semantic_map = (
-        database.load(map_file) if map_file is not None and "intersections" not in without else None
-    )
+    semantic_map = database.load(map_file) if map_file is not None and "intersections" not in without else None
     localizer = Localizer(rig, semantic_map, settings.localize)
     started = time.perf_counter()
-    scan_ms = stream(localizer, read_recording(recording, rig, progress=progress))
+    measurements = read_recording(recording, rig, progress=progress)
+    scan_ms = stream(localizer, measurements)
     result = localizer.finish()
     summary = {
         "recording": str(recording.resolve()),
         "rig": str(rig_file.resolve()),
         "map": None if semantic_map is None or map_file is None else str(map_file.resolve()),
         "without": sorted(without),
+        "duration_s": round(measurements.info.duration_s, 3),
+        "point_times": asdict(measurements.info.point_times) if measurements.info.point_times else None,
+        "messages_dropped": dict(measurements.dropped),
         **result.summary,
         **timing(scan_ms),
         "wall_s": round(time.perf_counter() - started, 3),
@@ -109,15 +111,6 @@ def check_aids(without: Iterable[str]) -> None:
             raise SettingsError(f"does not know `{name}`", field="--without", mend=mend)
 
 
-def writable_directory(out: Path) -> None:
-    """Make sure that ``out`` can take files, before hours of work; raises `InputFileError`."""
-    there = next(path for path in (out, *out.absolute().parents) if path.exists())
-    if not there.is_dir():
-        raise InputFileError("is a file, not a directory", file=there, mend="choose another --out")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise InputFileError("cannot be written", file=there, mend="choose another --out")
-
-
 def write_run(out: Path, result: LocalizationResult, summary: dict[str, Any], settings: ToolSettings) -> None:
     """Write the files of a run; an evaluation left by an earlier run no longer applies and goes."""
     (out / "evaluation.json").unlink(missing_ok=True)
@@ -125,9 +118,7 @@ def write_run(out: Path, result: LocalizationResult, summary: dict[str, Any], se
     result.trajectory.save_tum(out / "trajectory.tum", comment=NEVER_ANCHORED if lost else "")
     result.realtime.save_tum(out / "realtime.tum")
     result.odometry.save_tum(out / "odometry.tum")
-    write_text(
-        out / "events.jsonl", "".join(json.dumps(event, default=_plain) + "\n" for event in result.events)
-    )
+    write_text(out / "events.jsonl", "".join(json.dumps(event, default=_plain) + "\n" for event in result.events))
     write_text(out / "settings.yaml", settings.to_yaml())
     write_text(out / "summary.json", json.dumps(summary, indent=1, default=_plain) + "\n")
 
@@ -141,12 +132,6 @@ def outcome(summary: Mapping[str, Any]) -> str:
         return f"{cost}, no place in the map"
     count = len(summary["intersections_recognised"])
     return f"{cost}, in the map by {count} intersections" if count else f"{cost}, in the map"
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write ``text`` to ``path`` whole or not at all."""
-    with written_whole(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def process_facts() -> dict[str, Any]:

@@ -86,7 +86,11 @@ def test_wrong_usage_is_one_line_and_status_2(args: list[str], words: str, capsy
 
 @pytest.mark.parametrize(
     ("fault", "status"),
-    [(SettingsError("is wrong\nin two lines"), 2), (KeyboardInterrupt(), 130), (ZeroDivisionError("oops"), 1)],
+    [
+        (SettingsError("is wrong\nin two lines"), 2),
+        (KeyboardInterrupt(), 130),
+        (ZeroDivisionError("oops"), 1),
+    ],
 )
 def test_what_goes_wrong_inside_becomes_an_exit_status(
     fault: BaseException, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

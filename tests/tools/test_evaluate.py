@@ -66,9 +66,7 @@ def test_truth_is_interpolated_at_the_estimates_stamps() -> None:
     line = Trajectory("map", truth.stamps_ns[::10], truth.poses[::10])
     pairs = metrics.associate(flight(), line)
     assert len(pairs) == 601
-    assert (
-        pairs.position_errors().max() < 40.0 * (1.0 - np.cos(0.025)) * 1.01
-    )  # the sagitta of one second's chord
+    assert pairs.position_errors().max() < 40.0 * (1.0 - np.cos(0.025)) * 1.01  # the sagitta of one second's chord
 
 
 def test_stamps_outside_the_truth_or_in_its_gaps_are_left_out() -> None:
@@ -142,9 +140,7 @@ def test_a_run_without_a_map_pose_is_evaluated_and_says_so(tmp_path: Path) -> No
 def test_check_points_give_the_mean_and_the_sum(tmp_path: Path) -> None:
     truth = flight()
     run = write_run(tmp_path / "run", trajectory=moved(truth, se3(np.eye(3), [0.0, 0.0, 0.2])))
-    rows = [
-        f"{1000 + i * 10 + 0.05},{p[0]},{p[1]},{p[2]},P{i}" for i, p in enumerate(truth.positions[:400:100])
-    ]
+    rows = [f"{1000 + i * 10 + 0.05},{p[0]},{p[1]},{p[2]},P{i}" for i, p in enumerate(truth.positions[:400:100])]
     (tmp_path / "points.csv").write_text("time,x,y,z,name\n" + "\n".join([*rows, "9999,0,0,0,late"]) + "\n")
     points = evaluate_run(run, tmp_path / "points.csv")["trajectories"]["trajectory"]["check_points"]
     along = 2.0 * 0.05  # the estimate is taken 0.05 s later on the track, at 2 m/s and 0.1 m/s up
@@ -183,19 +179,13 @@ def test_the_figures_agree_with_evo(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     truth = flight()
     noisy = truth.poses @ se3(so3_exp(rng.normal(0, 0.02, (601, 3))), rng.normal(0, 0.3, (601, 3)))
-    estimate = moved(
-        Trajectory("map", truth.stamps_ns, noisy), se3(so3_exp([0.0, 0.0, 0.4]), [3.0, 1.0, 0.0])
-    )
+    estimate = moved(Trajectory("map", truth.stamps_ns, noisy), se3(so3_exp([0.0, 0.0, 0.4]), [3.0, 1.0, 0.0]))
     run = write_run(tmp_path / "run", trajectory=estimate)
     truth.save_tum(tmp_path / "truth.tum")
     row = evaluate_run(run, tmp_path / "truth.tum")["trajectories"]["trajectory"]
     for options, ours in (([], row["absolute"]), (["--align"], row["aligned"])):
         command = ["evo_ape", "tum", str(tmp_path / "truth.tum"), str(run / "trajectory.tum"), *options]
         out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-        theirs = {
-            row[0]: float(row[1])
-            for row in map(str.split, out.splitlines())
-            if row[:1] in (["rmse"], ["max"])
-        }
+        theirs = {row[0]: float(row[1]) for row in map(str.split, out.splitlines()) if row[:1] in (["rmse"], ["max"])}
         assert ours["position_m"]["rmse"] == pytest.approx(theirs["rmse"], abs=2e-4)
         assert ours["position_m"]["max"] == pytest.approx(theirs["max"], abs=2e-3)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from semmap import database
 from semmap.files import written_whole
 from tools.report.database_page import database_page
+from tools.report.run_files import read_run
 from tools.report.run_page import run_page
 
 
@@ -14,6 +16,6 @@ def write_report(source: Path, out: Path) -> None:
 
     Raises `InputFileError` for a directory without a run, `DatabaseError` for a file that is not a database.
     """
-    page = run_page(source) if source.is_dir() else database_page(source)
+    page = run_page(read_run(source)) if source.is_dir() else database_page(database.load(source), source.name)
     with written_whole(out) as temporary:
         temporary.write_text(page, encoding="utf-8")

@@ -23,15 +23,11 @@ def contour_picture(one: Intersection, radius: float) -> str:
     scale, centre = 0.46 * SIZE / radius, SIZE / 2
     rim = f'<circle cx="{centre}" cy="{centre}" r="{radius * scale:.1f}" fill="none" stroke="{LINE}"/>'
     half = f'<circle cx="{centre}" cy="{centre}" r="{radius * scale / 2:.1f}" fill="none" stroke="{LINE}"/>'
-    wall = (
-        f'<path d="{_contour_path(one, radius, scale)}" fill="{BLUE}" fill-opacity="0.18" stroke="{BLUE}"/>'
-    )
+    wall = f'<path d="{_contour_path(one, radius, scale)}" fill="{BLUE}" fill-opacity="0.18" stroke="{BLUE}"/>'
     branches = "".join(_branch(bearing, radius * scale) for bearing in one.branch_bearings)
     title = f'<text x="4" y="12" font-size="11" fill="{INK}">{one.id}</text>'
     kind = f'<text x="{SIZE - 4}" y="12" font-size="10" fill="{FAINT}" text-anchor="end">{one.kind}</text>'
-    return (
-        f'<svg viewBox="0 0 {SIZE:.0f} {SIZE:.0f}" role="img">{half}{rim}{wall}{branches}{title}{kind}</svg>'
-    )
+    return f'<svg viewBox="0 0 {SIZE:.0f} {SIZE:.0f}" role="img">{half}{rim}{wall}{branches}{title}{kind}</svg>'
 
 
 def _contour_path(one: Intersection, radius: float, scale: float) -> str:

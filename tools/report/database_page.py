@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import yaml
 
 from maps.settings import MapSettings
-from semmap import database
 from semmap.intersections import SemanticMap
 from tools.info import overview
 from tools.report.contours import contour_picture, similarity_picture
@@ -16,18 +13,15 @@ from tools.report.page import facts, figure, folded, note, page, section, table
 from tools.report.plan import plan
 
 
-def database_page(path: Path) -> str:
-    """The page (HTML) about the database at ``path``; raises `DatabaseError` where it is not one."""
-    semantic_map = database.load(path)
+def database_page(semantic_map: SemanticMap, name: str) -> str:
+    """The page (HTML) about a semantic map whose file is called ``name``."""
     return page(
-        f"Semantic database {path.name}",
+        f"Semantic database {name}",
         "; ".join(f"{name}: {value}" for name, value in overview(semantic_map).items()),
         facts(_figures(semantic_map)),
         section(
             "Plan",
-            figure(
-                plan(semantic_map), "Roadway axes, wall points around the intersections, and their numbers."
-            ),
+            figure(plan(semantic_map), "Roadway axes, wall points around the intersections, and their numbers."),
         ),
         section("Intersections", intersection_rows(semantic_map)),
         section("Wall contours (PWCV)", _contours(semantic_map)),
@@ -84,9 +78,7 @@ def _figures(semantic_map: SemanticMap) -> dict[str, str]:
 def _contours(semantic_map: SemanticMap) -> str:
     radius = MapSettings.model_validate(dict(semantic_map.settings)).contour.radius
     pictures = "".join(figure(contour_picture(one, radius)) for one in semantic_map.intersections)
-    words = (
-        f"From above, x to the right, rim at {radius:g} m; orange: roadways that leave; open: not observed."
-    )
+    words = f"From above, x to the right, rim at {radius:g} m; orange: roadways that leave; open: not observed."
     return f'<div class="grid">{pictures}</div>{note(words)}' if pictures else ""
 
 
@@ -96,9 +88,7 @@ def _similarity(semantic_map: SemanticMap) -> str:
     contours = [one.contour for one in semantic_map.intersections]
     matrix = np.array([[pwcv_similarity(a, b) for b in contours] for a in contours])
     picture = similarity_picture(matrix, [one.id for one in semantic_map.intersections])
-    return figure(
-        picture, "1 means alike at the best rotation. Bright places off the diagonal are easy to confuse."
-    )
+    return figure(picture, "1 means alike at the best rotation. Bright places off the diagonal are easy to confuse.")
 
 
 def _settings_text(semantic_map: SemanticMap) -> str:

@@ -38,9 +38,7 @@ def _event_table(events: Sequence[Event], start_ns: int) -> str:
         [f"{(event['stamp_ns'] - start_ns) * 1e-9:.1f}", *(cell(event.get(column)) for column in columns)]
         for event in events
     ]
-    text = [
-        column for column in columns if any(isinstance(event.get(column), str | list) for event in events)
-    ]
+    text = [column for column in columns if any(isinstance(event.get(column), str | list) for event in events)]
     return table(["time [s]", *columns], rows, text=text)
 
 
@@ -63,9 +61,7 @@ def cell(value: object) -> str:
 
 def accepted_intersections(events: Sequence[Event]) -> list[int]:
     """Numbers of the intersections that a match was accepted for."""
-    ids = {
-        event["id"] for event in events if event.get("accepted") is True and isinstance(event.get("id"), int)
-    }
+    ids = {event["id"] for event in events if event.get("accepted") is True and isinstance(event.get("id"), int)}
     return sorted(ids)
 
 

@@ -17,7 +17,7 @@ h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem; border-bottom: 1px solid var(--
 p.lead { color: var(--faint); margin: 0 0 1rem; }
 p.note { color: var(--faint); font-size: .9rem; margin: .4rem 0; }
 figure { margin: .8rem 0; }
-figure svg, figure img { max-width: 100%; height: auto; display: block; }
+figure svg { width: 100%; height: auto; display: block; }
 figcaption { color: var(--faint); font-size: .9rem; }
 .scroll { overflow-x: auto; max-height: 36rem; overflow-y: auto; border: 1px solid var(--line);
            border-radius: 4px; }
@@ -70,9 +70,7 @@ def figure(graphic: str, caption: str = "") -> str:
 
 def facts(values: Mapping[str, str]) -> str:
     """Headline figures as small cards."""
-    cards = "".join(
-        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in values.items()
-    )
+    cards = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in values.items())
     return f"<dl>{cards}</dl>" if cards else ""
 
 
@@ -80,9 +78,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, text: Sequence[
     """A table of plain text; the columns named in ``text`` stand left. Empty where there is no row."""
     kind = ['class="text"' if name in text else "" for name in head]
     body = "".join(
-        "<tr>"
-        + "".join(f"<td {k}>{escape(cell)}</td>" for k, cell in zip(kind, row, strict=True))
-        + "</tr>\n"
+        "<tr>" + "".join(f"<td {k}>{escape(cell)}</td>" for k, cell in zip(kind, row, strict=True)) + "</tr>\n"
         for row in rows
     )
     if not body:

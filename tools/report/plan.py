@@ -16,7 +16,6 @@ from tools.report.figures import (
     FAINT,
     GREEN,
     INK,
-    LINE,
     ORANGE,
     PINK,
     RED,
@@ -28,6 +27,7 @@ from tools.report.figures import (
 
 KIND_MARKS = {"L": ("s", SKY), "T": ("^", BLUE), "Y": ("v", GREEN), "X": ("D", ORANGE), "multi": ("*", PINK)}
 OTHER_MARK = ("o", RED)
+WALL = "#aab4be"
 WALL_POINTS = 40_000
 """Wall points drawn at the most; they are drawn as one picture."""
 
@@ -43,9 +43,7 @@ class Track:
     dashed: bool = False
 
 
-def plan(
-    semantic_map: SemanticMap | None, tracks: Sequence[Track] = (), *, recognised: Sequence[int] = ()
-) -> str:
+def plan(semantic_map: SemanticMap | None, tracks: Sequence[Track] = (), *, recognised: Sequence[int] = ()) -> str:
     """The plan as an SVG element; intersections numbered in ``recognised`` are ringed."""
     with look():
         fig = Figure(figsize=_figure_size(_extent(semantic_map, tracks)))
@@ -86,7 +84,7 @@ def _draw_walls(axes: Axes, intersections: Sequence[Intersection]) -> None:
         return
     points = np.concatenate(clouds)
     points = points[:: max(1, len(points) // WALL_POINTS)]
-    axes.plot(*points.T, ",", color=LINE, rasterized=True, zorder=0.5)
+    axes.plot(*points.T, ",", color=WALL, rasterized=True, zorder=0.5)
 
 
 def _draw_roadways(axes: Axes, semantic_map: SemanticMap) -> None:

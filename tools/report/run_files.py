@@ -54,9 +54,7 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as reason:
-        raise InputFileError(
-            f"cannot be read ({reason})", file=path, mend="run `semmap localize` again"
-        ) from None
+        raise InputFileError(f"cannot be read ({reason})", file=path, mend="run `semmap localize` again") from None
 
 
 def _parsed(text: str, path: Path, line: int | None = None) -> dict[str, Any]:

@@ -15,16 +15,15 @@ from tools.report.events import accepted_intersections, event_tables, state_band
 from tools.report.figures import BLUE, FAINT, GREEN, INK, ORANGE
 from tools.report.page import facts, figure, folded, note, page, section, table
 from tools.report.plan import Track, plan
-from tools.report.run_files import RunFiles, read_run
+from tools.report.run_files import RunFiles
 from tools.report.series import Line, errors_over_time, mode_bands, position_over_time, seconds
 
 COLOURS = {"trajectory": BLUE, "realtime": GREEN, "odometry": ORANGE}
 TITLES = {"trajectory": "final trajectory", "realtime": "in real time", "odometry": "odometry alone"}
 
 
-def run_page(directory: Path) -> str:
-    """The page (HTML) about the run in ``directory``; raises `InputFileError` where it is not one."""
-    run = read_run(directory)
+def run_page(run: RunFiles) -> str:
+    """The page (HTML) about a run."""
     placed = place_odometry(run)
     return page(
         f"Run {run.name}",
@@ -93,9 +92,7 @@ def _plan(run: RunFiles, placed: Mapping[str, Trajectory]) -> str:
     if run.semantic_map is None and not tracks:
         return note("Nothing to draw: no pose and no database.")
     recognised = accepted_intersections(run.events)
-    caption = (
-        "Odometry, where it has a frame of its own, is put where the truth or the final trajectory begins."
-    )
+    caption = "Odometry, where it has a frame of its own, is put where the truth or the final trajectory begins."
     return figure(plan(run.semantic_map, tracks, recognised=recognised), caption)
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from semmap.geometry import Array
-from tools.report.figures import BLUE, GREEN, ORANGE, PINK, RED, SKY, YELLOW, look, plain_numbers, svg
+from tools.report.figures import BLUE, GREEN, LINE, ORANGE, PINK, RED, SKY, YELLOW, look, plain_numbers, svg
 
-BAND_COLOURS = (SKY, ORANGE, GREEN, PINK, YELLOW, BLUE, RED)
+BAND_COLOURS = {"unknown": LINE, "tracking": GREEN, "suspect": RED}
+MORE_COLOURS = (SKY, ORANGE, PINK, BLUE, YELLOW)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +83,8 @@ def errors_over_time(errors: Sequence[tuple[str, Array, Array, str]], pins: Sequ
 def mode_bands(rows: dict[str, Sequence[Band]]) -> str:
     """One row of coloured bands for each named state, over time."""
     names = sorted({band.name for bands in rows.values() for band in bands})
-    colours = {name: BAND_COLOURS[i % len(BAND_COLOURS)] for i, name in enumerate(names)}
+    others = [name for name in names if name not in BAND_COLOURS]
+    colours = {**BAND_COLOURS, **dict(zip(others, cycle(MORE_COLOURS), strict=False))}
     with look():
         fig = Figure(figsize=(9.5, 0.9 + 0.4 * len(rows)))
         axes = fig.subplots()
@@ -89,8 +92,8 @@ def mode_bands(rows: dict[str, Sequence[Band]]) -> str:
         for y, bands in enumerate(rows.values()):
             for band in bands:
                 axes.barh(y, band.end - band.start, left=band.start, height=0.6, color=colours[band.name])
-        for name, colour in colours.items():
-            axes.barh(0, 0, color=colour, label=name)
+        for name in names:
+            axes.barh(0, 0, color=colours[name], label=name)
         axes.set_yticks(range(len(rows)), list(rows))
         axes.set_xlabel("time [s]")
         fig.legend(loc="outside upper center", ncols=min(6, len(names)))
