@@ -15,6 +15,7 @@ from tools.report import write_report
 from tools.run import localize_recording
 from tools.settings import ToolSettings
 from tools.simulate import simulate_mine
+from tools.tables import text_table
 
 SCENARIO = "demo"
 
@@ -25,13 +26,18 @@ def run_demo(out: Path, settings: ToolSettings) -> None:
     mine, database = out / "mine", out / "mine.h5"
     simulate_mine(SCENARIO, mine, settings)
     semantic_map = build_database([mine / "prior_map.laz"], database, settings)
-    console.print(f"semantic database: {len(semantic_map)} intersections ({database})", highlight=False)
+    console.print(
+        f"semantic database: {len(semantic_map)} intersections ({database})",
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
+    )
     write_report(database, out / "mine.html")
     runs = {name: _run(mine, out / name, database if name == "with_database" else None, settings) for name in RUNS}
     console.print(comparison(runs))
     report = out / "report.html"
     write_report(out / "with_database", report)
-    console.print(f"report: {report}", highlight=False, soft_wrap=True)
+    console.print(f"report: {report}", highlight=False, markup=False, soft_wrap=True)
 
 
 RUNS = {
@@ -56,17 +62,12 @@ def _run(mine: Path, out: Path, database: Path | None, settings: ToolSettings) -
 
 def comparison(runs: dict[str, dict[str, Any]]) -> Table:
     """One row a run: error, intersections recognised, cost."""
-    table = Table(title="position error on the simulated mine")
-    for column in ("", "RMSE [m]", "max [m]", "intersections recognised", "ms per scan"):
-        table.add_column(column, justify="left" if not column else "right")
-    for name, run in runs.items():
-        table.add_row(
-            RUNS[name],
-            *_error_cells(run),
-            str(len(run["intersections_recognised"])),
-            f"{run['ms_per_scan_median']:.0f}",
-        )
-    return table
+    head = ("", "RMSE [m]", "max [m]", "intersections recognised", "ms per scan")
+    rows = [
+        [RUNS[name], *_error_cells(run), str(len(run["intersections_recognised"])), f"{run['ms_per_scan_median']:.0f}"]
+        for name, run in runs.items()
+    ]
+    return text_table(head, rows, title="position error on the simulated mine")
 
 
 def _error_cells(run: dict[str, Any]) -> tuple[str, str]:

@@ -21,6 +21,7 @@ from semmap.files import written_whole
 from semmap.geometry import Array
 from semmap.trajectory import Trajectory, stamp_ns_of_text
 from tools import metrics
+from tools.tables import text_table
 
 TRAJECTORIES = ("trajectory", "realtime", "odometry")
 MAP_FRAME = "map"
@@ -145,50 +146,44 @@ def coverage(found: Mapping[str, Trajectory]) -> dict[str, float | None]:
     return {"scans_covered_percent": 100.0 * len(known) / len(scans), "first_fix_s": first}
 
 
+WAYS = {"absolute": "as it is", "from_start": "from start", "aligned": "fitted"}
+"""How errors were taken: without alignment; put on the true start; fitted to the truth."""
+
+
 def evaluation_table(evaluation: Mapping[str, Any]) -> Table:
-    """The evaluation as a table for the terminal: one row a trajectory, errors in metres."""
+    """The evaluation as a table for the terminal, errors in metres."""
     points = any("check_points" in row for row in evaluation["trajectories"].values())
     return _point_table(evaluation) if points else _trajectory_table(evaluation)
 
 
-def _trajectory_table(evaluation: Mapping[str, Any]) -> Table:
-    table = Table(title=f"position error [m] against {Path(evaluation['truth']).name}")
-    for column in (
-        "",
-        "frame",
-        "poses",
-        "max",
-        "RMSE",
-        "mean",
-        "median",
-        "p95",
-        "rot. RMSE [°]",
-        "RMSE after fit",
-    ):
-        table.add_column(column, justify="left" if column in ("", "frame") else "right")
+def error_rows(evaluation: Mapping[str, Any]) -> list[list[str]]:
+    """One row a trajectory and way of taking its errors; the columns are `ERROR_HEAD`."""
+    rows = []
     for name, row in evaluation["trajectories"].items():
-        absolute, aligned = row.get("absolute"), row.get("aligned")
-        cells = (
-            [f"{absolute['position_m'][key]:.3f}" for key in ("max", "rmse", "mean", "median", "p95")]
-            if absolute
-            else ["–"] * 5
-        )
-        cells.append(f"{absolute['rotation_deg']['rmse']:.3f}" if absolute else "–")
-        cells.append(f"{aligned['position_m']['rmse']:.3f}" if aligned else "–")
-        table.add_row(name, row["frame"], str(row["poses"]), *cells)
-    return table
+        for way in [way for way in WAYS if way in row]:
+            position, rotation = row[way]["position_m"], row[way]["rotation_deg"]
+            cells = [f"{position[key]:.3f}" for key in ("max", "rmse", "mean", "median", "p95")]
+            rows.append([name, WAYS[way], *cells, f"{rotation['rmse']:.3f}"])
+    return rows
+
+
+ERROR_HEAD = ("trajectory", "how", "max", "RMSE", "mean", "median", "p95", "RMSE [°]")
+
+
+def _trajectory_table(evaluation: Mapping[str, Any]) -> Table:
+    title = f"position error [m] against {Path(evaluation['truth']).name}"
+    return text_table(ERROR_HEAD, error_rows(evaluation), title=title, left=2)
 
 
 def _point_table(evaluation: Mapping[str, Any]) -> Table:
-    table = Table(title=f"error at the check points of {Path(evaluation['truth']).name} [m]")
-    for column in ("", "frame", "check points", "AvgErr", "TotalErr"):
-        table.add_column(column, justify="left" if column in ("", "frame") else "right")
+    rows = []
     for name, row in evaluation["trajectories"].items():
         points = row.get("check_points", {})
         figures = [points.get("AvgErr"), points.get("TotalErr")]
         cells = ["–" if figure is None else f"{figure:.3f}" for figure in figures]
-        table.add_row(name, row["frame"], str(points.get("compared", 0)), *cells)
-    return table
+        rows.append([name, row["frame"], str(points.get("compared", 0)), *cells])
+    title = f"error at the check points of {Path(evaluation['truth']).name} [m]"
+    return text_table(("trajectory", "frame", "check points", "AvgErr", "TotalErr"), rows, title=title, left=2)
 
 
 def coverage_line(evaluation: Mapping[str, Any]) -> str:

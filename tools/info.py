@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from semmap import database
 from semmap.intersections import SemanticMap
+from tools.tables import text_table
 
 
 def print_info(path: Path) -> None:
@@ -18,8 +18,8 @@ def print_info(path: Path) -> None:
     semantic_map = database.load(path)
     console = Console()
     for name, value in overview(semantic_map).items():
-        console.print(f"{name:<14} {value}", highlight=False, soft_wrap=True)
-    console.print(intersection_table(semantic_map))
+        console.print(f"{name:<14} {value}", highlight=False, markup=False, soft_wrap=True)
+    console.print(text_table(INTERSECTION_HEAD, intersection_rows(semantic_map), left=0))
 
 
 def overview(semantic_map: SemanticMap) -> dict[str, str]:
@@ -37,14 +37,15 @@ def overview(semantic_map: SemanticMap) -> dict[str, str]:
     }
 
 
-def intersection_table(semantic_map: SemanticMap) -> Table:
-    """One row an intersection: position, kind, branches."""
-    table = Table()
-    for column in ("id", "kind", "x [m]", "y [m]", "z [m]", "bearings [°]", "widths [m]", "points"):
-        table.add_column(column, justify="left" if column == "kind" else "right")
+INTERSECTION_HEAD = ("id", "kind", "x [m]", "y [m]", "z [m]", "branches [°]", "widths [m]", "points")
+
+
+def intersection_rows(semantic_map: SemanticMap) -> list[list[str]]:
+    """One row an intersection: number, kind, position, bearings and widths of its branches, size of its cloud."""
+    rows = []
     for one in semantic_map.intersections:
         bearings = " ".join(f"{value:.0f}" for value in np.degrees(one.branch_bearings))
         widths = " ".join(f"{value:.1f}" for value in one.branch_widths)
         position = [f"{value:.2f}" for value in one.p_map]
-        table.add_row(str(one.id), one.kind, *position, bearings, widths, str(len(one.cloud)))
-    return table
+        rows.append([str(one.id), one.kind, *position, bearings, widths, str(len(one.cloud))])
+    return rows

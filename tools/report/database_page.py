@@ -7,7 +7,7 @@ import yaml
 
 from maps.settings import MapSettings
 from semmap.intersections import SemanticMap
-from tools.info import overview
+from tools.info import INTERSECTION_HEAD, intersection_rows, overview
 from tools.report.contours import contour_picture, similarity_picture
 from tools.report.page import facts, figure, folded, note, page, section, table
 from tools.report.plan import plan
@@ -23,43 +23,11 @@ def database_page(semantic_map: SemanticMap, name: str) -> str:
             "Plan",
             figure(plan(semantic_map), "Roadway axes, wall points around the intersections, and their numbers."),
         ),
-        section("Intersections", intersection_rows(semantic_map)),
+        section("Intersections", table(INTERSECTION_HEAD, intersection_rows(semantic_map))),
         section("Wall contours (PWCV)", _contours(semantic_map)),
         section("Similarity", _similarity(semantic_map)),
         section("Settings", folded("what the descriptors depend on", _settings_text(semantic_map))),
     )
-
-
-def intersection_rows(semantic_map: SemanticMap) -> str:
-    """The table of all intersections."""
-    head = [
-        "id",
-        "kind",
-        "x [m]",
-        "y [m]",
-        "z [m]",
-        "branches",
-        "bearings [°]",
-        "widths [m]",
-        "cloud [points]",
-    ]
-    rows = []
-    for one in semantic_map.intersections:
-        bearings = "  ".join(f"{value:.0f}" for value in np.degrees(one.branch_bearings))
-        widths = "  ".join(f"{value:.1f}" for value in one.branch_widths)
-        position = [f"{value:.2f}" for value in one.p_map]
-        rows.append(
-            [
-                str(one.id),
-                one.kind,
-                *position,
-                str(len(one.branch_bearings)),
-                bearings,
-                widths,
-                f"{len(one.cloud)}",
-            ]
-        )
-    return table(head, rows)
 
 
 def _figures(semantic_map: SemanticMap) -> dict[str, str]:

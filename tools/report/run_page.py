@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from semmap.errors import TrajectoryError
 from semmap.geometry import Array
 from semmap.trajectory import Trajectory
-from tools.evaluate import MAP_FRAME, TRAJECTORIES
+from tools.evaluate import ERROR_HEAD, MAP_FRAME, TRAJECTORIES, error_rows
 from tools.metrics import Pairs, associate, start_alignment
-from tools.report.events import accepted_intersections, event_tables, state_bands
+from tools.report.events import accepted_intersections, cell, event_tables, state_bands
 from tools.report.figures import BLUE, FAINT, GREEN, INK, ORANGE
 from tools.report.page import facts, figure, folded, note, page, section, table
 from tools.report.plan import Track, plan
@@ -32,7 +32,7 @@ def run_page(run: RunFiles) -> str:
         facts(headline(run)),
         section("Plan", _plan(run, placed)),
         section("Position over time", _positions(run, placed)),
-        section("Errors", _error_table(run.evaluation), _errors(run, placed)),
+        section("Errors", _error_table(run.evaluation), _errors(run, placed), _point_rows(run.evaluation)),
         section("State", _states(run)),
         *(section(title, rows) for title, rows in event_tables(run.events, run.start_ns)),
         section("What computed this", _costs(run.summary), folded("settings as used", run.settings)),
@@ -137,25 +137,19 @@ def _errors(run: RunFiles, placed: Mapping[str, Trajectory]) -> str:
 
 
 def _error_table(evaluation: Mapping[str, Any]) -> str:
-    head = [
-        "trajectory",
-        "how",
-        "max [m]",
-        "RMSE [m]",
-        "mean [m]",
-        "median [m]",
-        "p95 [m]",
-        "rotation RMSE [°]",
-    ]
-    rows: list[Sequence[str]] = []
-    ways = {"absolute": "as it is", "from_start": "put on the true start", "aligned": "fitted to the truth"}
-    for name, row in evaluation.get("trajectories", {}).items():
-        for way, title in ways.items():
-            if way in row:
-                p, rotation = row[way]["position_m"], row[way]["rotation_deg"]
-                cells = [f"{p[key]:.3f}" for key in ("max", "rmse", "mean", "median", "p95")]
-                rows.append([TITLES.get(name, name), title, *cells, f"{rotation['rmse']:.3f}"])
-    return table(head, rows, text=("trajectory", "how"))
+    if "trajectories" not in evaluation:
+        return ""
+    return note("Position errors in metres.") + table(ERROR_HEAD, error_rows(evaluation), text=ERROR_HEAD[:2])
+
+
+def _point_rows(evaluation: Mapping[str, Any]) -> str:
+    """Errors at the check points, one row a point and one column a trajectory."""
+    found = evaluation.get("trajectories", {})
+    points = {name: row["check_points"] for name, row in found.items() if "check_points" in row}
+    names = next((list(one["errors"]) for one in points.values()), [])
+    rows = [[name, *(cell(one["errors"][name]) for one in points.values())] for name in names]
+    rows += [[key, *(cell(one[key]) for one in points.values())] for key in ("AvgErr", "TotalErr") if points]
+    return table(["check point, error [m]", *points], rows)
 
 
 def _states(run: RunFiles) -> str:

@@ -1,0 +1,93 @@
+"""The main job on a small simulated mine, through the command line: simulate, build, localize, evaluate, report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from semmap import database
+from semmap.trajectory import Trajectory
+from tools import cli
+
+SECONDS = 60
+RUN_FILES = ("trajectory.tum", "realtime.tum", "odometry.tum", "events.jsonl", "summary.json", "settings.yaml")
+
+
+def semmap(*words: object) -> None:
+    """Run a command that must succeed."""
+    assert cli.run([str(word) for word in words]) == 0
+
+
+@pytest.fixture(scope="module")
+def mine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first minute in the built-in mine, and its database ``mine.h5``."""
+    out = tmp_path_factory.mktemp("mine")
+    config = out / "config.yaml"
+    config.write_text(f"simulate: {{duration_s: {SECONDS}}}\n")
+    semmap("simulate", "demo", "--out", out, "--config", config, "--seed", 4)
+    semmap("build", out / "prior_map.laz", "--out", out / "mine.h5")
+    return out
+
+
+@pytest.fixture(scope="module")
+def run(mine: Path) -> Path:
+    """That minute, localized with the database and evaluated."""
+    out = mine / "run"
+    semmap("localize", mine / "recording", "--rig", mine / "rig.yaml", "--map", mine / "mine.h5", "--out", out)
+    semmap("evaluate", out, "--truth", mine / "ground_truth.tum")
+    return out
+
+
+def test_the_database_holds_the_mines_junctions(mine: Path) -> None:
+    junctions = np.loadtxt(mine / "junctions.csv", delimiter=",", skiprows=1, usecols=(1, 2, 3))
+    found = np.array([one.p_map for one in database.load(mine / "mine.h5").intersections])
+    distances = np.linalg.norm(junctions[:, None, :2] - found[None, :, :2], axis=-1)
+    assert (distances.min(axis=1) < 2.0).all()
+
+
+def test_a_run_leaves_all_its_files(run: Path) -> None:
+    assert all((run / name).stat().st_size > 0 for name in RUN_FILES)
+    summary = json.loads((run / "summary.json").read_text())
+    assert summary["scans"] >= SECONDS * 10 - 10
+    assert summary["ms_per_scan_median"] > 0.0
+    assert summary["peak_memory_mb"] > 0.0
+    assert all({"stamp_ns", "kind"} <= json.loads(line).keys() for line in (run / "events.jsonl").open())
+
+
+def test_the_trajectory_is_in_the_map_without_alignment(run: Path) -> None:
+    evaluation = json.loads((run / "evaluation.json").read_text())
+    final = evaluation["trajectories"]["trajectory"]
+    assert final["frame"] == "map"
+    assert final["compared"] >= SECONDS * 10 - 10
+    assert final["absolute"]["position_m"]["rmse"] < 0.3
+    assert final["absolute"]["rotation_deg"]["rmse"] < 2.0
+
+
+def test_in_real_time_it_says_nothing_before_it_knows_and_then_the_truth(run: Path) -> None:
+    realtime = json.loads((run / "evaluation.json").read_text())["realtime"]
+    assert 0.0 < realtime["first_fix_s"] < SECONDS
+    errors = json.loads((run / "evaluation.json").read_text())["trajectories"]["realtime"]["absolute"]["position_m"]
+    assert errors["max"] < 1.0
+
+
+def test_without_the_database_there_is_odometry_in_its_own_frame(mine: Path) -> None:
+    out = mine / "alone"
+    words = ["localize", mine / "recording", "--rig", mine / "rig.yaml", "--map", mine / "mine.h5", "--out", out]
+    semmap(*words, "--without", "intersections,wheel")
+    assert Trajectory.load_tum(out / "trajectory.tum").frame == "odom"
+    assert json.loads((out / "summary.json").read_text())["without"] == ["intersections", "wheel"]
+
+
+def test_both_reports_are_written(mine: Path, run: Path) -> None:
+    semmap("report", run, "--out", mine / "run.html")
+    semmap("report", mine / "mine.h5", "--out", mine / "mine.html")
+    assert "intersections recognised" in (mine / "run.html").read_text()
+    assert "Wall contours" in (mine / "mine.html").read_text()
+
+
+def test_info_lists_the_intersections(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    semmap("info", mine / "mine.h5")
+    assert "intersections" in capsys.readouterr().out
