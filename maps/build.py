@@ -1,0 +1,79 @@
+"""A prior point cloud into a semantic map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from maps.describe import Neighbourhoods, contour_at, thinned
+from maps.free_space import FreeSpace, split_ground_and_walls
+from maps.graph import roadway_graph
+from maps.intersections import Crossing, find_intersections
+from maps.prior_map import PriorMap
+from maps.settings import MapSettings
+from maps.topology import roadway_topology
+from semmap.errors import CloudError
+from semmap.intersections import Intersection, SemanticMap
+
+
+def build_semantic_map(
+    prior: PriorMap, settings: MapSettings | None = None, *, progress: Callable[[int, int], None] | None = None
+) -> SemanticMap:
+    """Every intersection of a mine, cut out of its point cloud and described (paper 004, section 3.2).
+
+    progress : called with the steps done and the steps there are.
+
+    Raises
+    ------
+    CloudError
+        Where the cloud is empty or shows no floor.
+    """
+    settings = settings or MapSettings()
+    report = progress or (lambda done, total: None)
+    if not len(prior.points):
+        raise CloudError("has no points", field="prior map")
+    report(0, 4)
+    space = split_ground_and_walls(prior.points, settings.free_space)
+    report(1, 4)
+    topology = roadway_topology(space, settings.topology)
+    report(2, 4)
+    crossings = find_intersections(topology, space, settings.topology)
+    report(3, 4)
+    intersections = _described(crossings, prior, space, settings)
+    roadways = roadway_graph(topology, crossings, space, prior.origin)
+    report(4, 4)
+    stored = settings.model_dump(mode="json")
+    return SemanticMap(intersections, roadways, prior.origin, stored, prior.sources, crs=prior.crs)
+
+
+def _described(
+    crossings: list[Crossing], prior: PriorMap, space: FreeSpace, settings: MapSettings
+) -> tuple[Intersection, ...]:
+    """The crossings, numbered from 0, with contours and clouds, in the map frame."""
+    neighbourhoods = Neighbourhoods(prior.points)
+    return tuple(
+        _intersection(number, crossing, neighbourhoods, space, prior, settings)
+        for number, crossing in enumerate(crossings)
+    )
+
+
+def _intersection(
+    number: int,
+    crossing: Crossing,
+    neighbourhoods: Neighbourhoods,
+    space: FreeSpace,
+    prior: PriorMap,
+    settings: MapSettings,
+) -> Intersection:
+    reach = max(settings.cloud_radius, settings.contour.radius + settings.contour.wall_depth)
+    around = neighbourhoods.around(crossing.p, reach)
+    return Intersection(
+        id=number,
+        p_map=crossing.p + prior.origin,
+        kind=crossing.kind,
+        branch_bearings=np.array([branch.bearing for branch in crossing.branches]),
+        branch_widths=np.array([branch.width for branch in crossing.branches]),
+        contour=contour_at(crossing.p, around, space, settings.contour),
+        cloud=thinned(around - crossing.p, settings.cloud_voxel),
+    )

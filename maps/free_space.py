@@ -1,0 +1,162 @@
+"""Free space in plan view: where a robot can be, what bounds it, and what was not seen.
+
+One raster type for a dense map and for a few stacked keyframes, so that everything behind it is one piece of code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from maps._numba_rays import FREE, UNKNOWN, WALL, march, mark_seen
+from maps.grid import Grid, Points
+from maps.ground import Ground, ground_of
+from maps.settings import FreeSpaceSettings
+from semmap.geometry import Array
+
+_CROSS = ndimage.generate_binary_structure(2, 1)
+_EIGHT = ndimage.generate_binary_structure(2, 2)
+_RAYS = 720
+_BINS = 360
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One deskewed keyframe cloud.
+
+    points : (n, 3) [m] in a gravity-aligned frame, z up, the same for all views that are stacked.
+    p_sensor : (3,) where the LiDAR was in that frame [m].
+    """
+
+    points: Points
+    p_sensor: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What is in sight along horizontal rays.
+
+    distance : (n,) to where free space ends [m], at most the limit asked for.
+    at_wall : (n,) bool, the ray ends at a wall; if not, and before the limit, it ends where nothing was seen.
+    """
+
+    distance: Array
+    at_wall: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeSpace:
+    """Plan view of a mine, or of the part of it that stacked keyframes saw.
+
+    grid : where the raster lies.
+    cells : (nx, ny) uint8, ``FREE`` roadway, ``WALL``, or ``UNKNOWN``.
+    clearance : (nx, ny) distance from each free cell to the nearest one that is not free [m].
+    ground : floor height.
+    """
+
+    grid: Grid
+    cells: NDArray[np.uint8]
+    clearance: Array
+    ground: Ground
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Roadway, (nx, ny)."""
+        return np.asarray(self.cells == FREE)
+
+    def clearance_at(self, p: Array) -> float:
+        """Distance [m] from a point (2,) to the nearest cell that is not free."""
+        return float(self.grid.sample(self.clearance, p[None])[0])
+
+    def frontier(self) -> NDArray[np.bool_]:
+        """Cells (nx, ny) beside free space and away from walls: there it was not seen how the roadway goes on."""
+        beside = ndimage.binary_dilation(self.free, _EIGHT) & (self.cells == UNKNOWN)
+        return np.asarray(beside & ~ndimage.binary_dilation(self.cells == WALL, _EIGHT))
+
+    def sight(self, xy: Array, angle: Array, limit: float) -> Sight:
+        """Look from points (n, 2) along angles (n,) [rad], up to ``limit`` [m]."""
+        x, y = ((np.asarray(xy, dtype=np.float64) - (self.grid.x0, self.grid.y0)) / self.grid.cell).T.copy()
+        distance, at_wall = np.empty(len(x)), np.empty(len(x), dtype=bool)
+        angle = np.ascontiguousarray(angle, dtype=np.float64)
+        march(self.cells, x, y, angle, limit / self.grid.cell, distance, at_wall)
+        return Sight(distance * self.grid.cell, at_wall)
+
+
+def split_ground_and_walls(points: Points, settings: FreeSpaceSettings) -> FreeSpace:
+    """Free space of a dense cloud (n, 3), z up: floor that has head-room. Raises `CloudError` without a floor."""
+    ground = ground_of(points, settings)
+    grid = _fine_grid(ground.grid, settings)
+    height = points[:, 2] - ground.at(points[:, :2])
+    wall = grid.count(points[_in_band(height, settings), :2]) > 0
+    floor = grid.count(points[np.abs(height) < settings.wall_from, :2]) > 0
+    closed = ndimage.binary_closing(floor, _CROSS, iterations=round(0.5 * settings.max_gap / settings.cell))
+    return _free_space(closed & ~wall, wall, grid, ground, settings)
+
+
+def free_space_of_views(views: Sequence[View], settings: FreeSpaceSettings) -> FreeSpace:
+    """Free space that the views saw together: the union of what is in sight of each.
+
+    Raises `CloudError` where they show no floor.
+    """
+    near = [_near(view, settings.view_range) for view in views]
+    points = np.concatenate([view.points for view in near])
+    ground = ground_of(np.concatenate([view.points[_may_be_floor(view)] for view in near]), settings, around=points)
+    grid = _fine_grid(ground.grid, settings)
+    height = points[:, 2] - ground.at(points[:, :2])
+    wall = grid.count(points[_in_band(height, settings), :2]) > 0
+    free = np.zeros(grid.shape, dtype=bool)
+    for view in views:
+        x, y = (view.p_sensor[:2] - (grid.x0, grid.y0)) / grid.cell
+        mark_seen(free, wall, x, y, np.minimum(_reach(view), settings.view_range) / grid.cell)
+    return _free_space(free & ~wall, wall, grid, ground, settings)
+
+
+def _near(view: View, limit: float) -> View:
+    """The view without its points beyond ``limit`` [m]."""
+    away2 = np.sum((view.points[:, :2] - view.p_sensor[:2]) ** 2, axis=1)
+    return View(view.points[away2 < limit**2], view.p_sensor)
+
+
+def _fine_grid(ground: Grid, settings: FreeSpaceSettings) -> Grid:
+    """The floor's grid in finer cells."""
+    factor = max(1, round(ground.cell / settings.cell))
+    return Grid(ground.x0, ground.y0, ground.cell / factor, (ground.shape[0] * factor, ground.shape[1] * factor))
+
+
+def _in_band(height: Array, settings: FreeSpaceSettings) -> NDArray[np.bool_]:
+    return np.asarray((height > settings.wall_from) & (height < settings.wall_to))
+
+
+def _may_be_floor(view: View) -> NDArray[np.bool_]:
+    """Points below the sensor by more than any roadway climbs towards them: (n,) bool."""
+    below = view.p_sensor[2] - view.points[:, 2]
+    away = np.linalg.norm(view.points[:, :2] - view.p_sensor[:2], axis=1)
+    return np.asarray(below > 0.3 - 0.3 * away)
+
+
+def _reach(view: View) -> Array:
+    """Longest horizontal distance (rays,) [m] seen in each direction; 0 where nothing came back."""
+    delta = view.points[:, :2] - view.p_sensor[:2]
+    angle = np.arctan2(delta[:, 1], delta[:, 0])
+    bins = np.floor(angle / (2.0 * np.pi) * _BINS).astype(np.int64) % _BINS
+    longest = np.zeros(_BINS)
+    np.maximum.at(longest, bins, np.hypot(delta[:, 0], delta[:, 1]))
+    return np.repeat(longest, _RAYS // _BINS)
+
+
+def _free_space(
+    free: NDArray[np.bool_], wall: NDArray[np.bool_], grid: Grid, ground: Ground, settings: FreeSpaceSettings
+) -> FreeSpace:
+    """Free space without slivers, and without obstacles in it that are smaller than a pillar."""
+    free = ndimage.binary_opening(free, _EIGHT)
+    labels, count = ndimage.label(~free)
+    area = np.bincount(labels.ravel(), minlength=count + 1) * grid.cell**2
+    free |= (area < settings.max_clutter)[labels]
+    cells = np.where(wall, np.uint8(WALL), np.uint8(UNKNOWN))
+    cells[free] = FREE
+    clearance = np.asarray(ndimage.distance_transform_edt(free)) * grid.cell
+    return FreeSpace(grid, cells, clearance, ground)

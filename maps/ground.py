@@ -1,0 +1,88 @@
+"""The floor as a height raster, from dense maps and from sparse stacked scans alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from maps.grid import Grid, Points
+from maps.settings import FreeSpaceSettings
+from semmap.errors import CloudError
+from semmap.geometry import Array
+
+_ENVELOPE_RADIUS_M = 3.0
+_FLOOR_THICKNESS_M = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """Height of the floor.
+
+    grid : where the raster lies.
+    height : (nx, ny) [m], filled from the nearest floor where none was seen.
+    seen : (nx, ny) bool, where floor points are.
+    """
+
+    grid: Grid
+    height: Array
+    seen: NDArray[np.bool_]
+
+    def at(self, xy: Points) -> Array:
+        """Floor height (n,) [m] under points (n, 2), linear between cell centres."""
+        return self.grid.sample(self.height, xy)
+
+
+def ground_of(points: Points, settings: FreeSpaceSettings, *, around: Points | None = None) -> Ground:
+    """Floor under a cloud (n, 3), z up: the lowest surface that is nowhere steeper than a roadway.
+
+    The raster covers ``around`` (m, 3), the cloud itself by default. Raises `CloudError` where nothing looks like a
+    floor.
+    """
+    grid = Grid.around((points if around is None else around)[:, :2], settings.ground_cell, margin=2.0)
+    low = grid.lowest(points)
+    low[_is_outlier(low)] = np.inf
+    seen = np.isfinite(low) & (low <= _lower_envelope(low, grid.cell, settings.max_slope) + _FLOOR_THICKNESS_M)
+    seen &= ~_stands_upright(points, grid, low)
+    if not seen.any():
+        raise CloudError("shows no floor", mend="check that z points up and the floor was scanned")
+    return Ground(grid, _filled(low, seen), seen)
+
+
+def _is_outlier(low: Array, depth: float = 0.5) -> NDArray[np.bool_]:
+    """Cells that lie ``depth`` below most of their neighbours: reflections, not floor."""
+    value = np.where(np.isfinite(low), low, np.nan)
+    known = np.isfinite(low).astype(np.float64)
+    around = ndimage.uniform_filter(np.nan_to_num(value), 5) / np.maximum(ndimage.uniform_filter(known, 5), 1e-9)
+    second = ndimage.rank_filter(low, 1, size=3)
+    return np.asarray(np.isfinite(low) & (low < around - depth) & (low < second - depth))
+
+
+def _lower_envelope(low: Array, cell: float, slope: float) -> Array:
+    """Highest surface below ``low`` that rises by at most ``slope`` within a few metres."""
+    reach = np.arange(-int(_ENVELOPE_RADIUS_M / cell), int(_ENVELOPE_RADIUS_M / cell) + 1) * cell
+    distance = np.hypot(*np.meshgrid(reach, reach, indexing="ij"))
+    return np.asarray(
+        ndimage.grey_erosion(low, footprint=distance <= _ENVELOPE_RADIUS_M, structure=-slope * distance)
+    )
+
+
+def _stands_upright(points: Points, grid: Grid, low: Array) -> NDArray[np.bool_]:
+    """Cells where points fill the first metre above the lowest one: walls, seen or not down to the floor."""
+    cells, inside = grid.cells(points[:, :2])
+    above = points[:, 2] - low.ravel()[cells]
+    in_band = inside & (above > _FLOOR_THICKNESS_M + 0.2 * grid.cell) & (above < 1.2)
+    return np.bincount(cells[in_band], minlength=low.size).reshape(low.shape) > 0
+
+
+def _filled(low: Array, seen: NDArray[np.bool_]) -> Array:
+    """Heights smoothed where seen and carried on from the nearest floor where not."""
+    weight = seen.astype(np.float64)
+    value = np.where(seen, low, 0.0)
+    blurred, mass = ndimage.gaussian_filter(value, 1.0), ndimage.gaussian_filter(weight, 1.0)
+    near = mass > 0.05
+    height = np.where(near, blurred / np.maximum(mass, 1e-9), 0.0)
+    nearest = ndimage.distance_transform_edt(~near, return_distances=False, return_indices=True)
+    return np.asarray(height[tuple(nearest)])
