@@ -32,6 +32,7 @@ _LOCAL_M = 5000.0  # float32 is finer than half a millimetre below this
 _ORIGIN_STEP_M = 1000.0
 _LAS_STEP_M = 0.001
 _LAS_CHUNK = 2_000_000
+_LAS_NOISE = (7, 18)  # classes: low and high noise
 _NO_DATE = date(2000, 1, 1)  # LAS asks for one; the same points shall give the same bytes on any day
 _EPSG_KEYS = (3072, 2048)  # GeoTIFF: projected, geographic
 
@@ -44,7 +45,7 @@ class PriorMap:
     origin : (3,) float64 [m], whole kilometres; zero along an axis whose coordinates are all below 5 km.
     sources : file name -> sha-256 of its bytes.
     crs : WKT or EPSG code of the map frame, where a file says so.
-    n_dropped : points left out because they are not finite.
+    n_dropped : points left out because they are not finite, or a LAS file marks them as noise or withheld.
     """
 
     points: NDArray[np.float32]
@@ -145,7 +146,9 @@ def _read_las(path: Path) -> Iterator[_Part]:
         total, done = int(reader.header.point_count), 0
         for chunk in reader.chunk_iterator(_LAS_CHUNK):
             done += len(chunk)
-            yield _Part(np.stack([chunk.x, chunk.y, chunk.z], axis=1), done / total)
+            points = np.stack([chunk.x, chunk.y, chunk.z], axis=1)
+            points[np.isin(chunk.classification, _LAS_NOISE) | np.asarray(chunk.withheld, np.bool_)] = np.nan
+            yield _Part(points, done / total)
     if done < total:
         raise InputFileError(f"is cut off after {done} of {total} points", file=path, mend="copy it again")
 

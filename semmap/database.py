@@ -35,6 +35,7 @@ SCHEMA_VERSION = 1
 
 _CHUNK_ROWS = 16384
 _KIND_BYTES = 16
+_MAX_PACKING = 1100  # gzip packs no tighter; a file that claims to would fill the memory with nothing
 _REBUILD = "build it again with `semmap build`"
 _LIBRARY_ERRORS = (OSError, RuntimeError, LookupError, ValueError, TypeError, ArithmeticError, MemoryError)
 
@@ -232,6 +233,8 @@ class _Group:
         if not fits:
             wanted = ", ".join("any" if n is None else str(n) for n in shape)
             raise self.fault(name, f"has shape {data.shape}, not ({wanted})")
+        if data.nbytes > _MAX_PACKING * data.id.get_storage_size():
+            raise self.fault(name, f"claims {data.nbytes} bytes and holds {data.id.get_storage_size()}")
         values: NDArray[Any] = data[()]
         if values.dtype.kind == "f" and not np.isfinite(values).all():
             raise self.fault(name, "holds NaN or infinity")

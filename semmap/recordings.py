@@ -188,10 +188,12 @@ class _Bag:
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, Any]]:
         """Topic and message by arrival."""
         wanted = [connection for connection in self._connections if connection.topic in topics]
-        store = _typestore(wanted, self._store)
+        with _library_errors():
+            store = _typestore(wanted, self._store)
         decode = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
-        for connection, _, data in heapq.merge(*self._streams(wanted), key=lambda entry: entry[1]):
-            yield connection.topic, decode(data, connection.msgtype)
+        with _library_errors():
+            for connection, _, data in heapq.merge(*self._streams(wanted), key=lambda entry: entry[1]):
+                yield connection.topic, decode(data, connection.msgtype)
 
     def _streams(self, wanted: list[Connection]) -> Iterator[Iterator[tuple[Connection, int, bytes]]]:
         for reader in self._readers:
@@ -214,19 +216,29 @@ def _typestore(connections: list[Connection], builtin: Any) -> Any:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[_Bag]:
-    """The recording, opened; whatever goes wrong with its files becomes a `RecordingError` that names it."""
+    """The recording, opened; faults found in the block name it."""
     try:
         with ExitStack() as stack:
-            yield _Bag([stack.enter_context(reader) for reader in _readers(path)])
+            with _library_errors():
+                bag = _Bag([stack.enter_context(reader) for reader in _readers(path)])
+            yield bag
     except SemmapError as error:
         if error.file is not None:
             raise
         raise type(error)(error.what, file=path, field=error.field, mend=error.mend) from None
+
+
+@contextmanager
+def _library_errors() -> Iterator[None]:
+    """Damaged files make the library fail in a dozen ways (assertions, struct, zstd, SQLite): one error for all."""
+    try:
+        yield
+    except SemmapError:
+        raise
     except Exception as reason:
-        # A damaged file makes the library fail in a dozen ways (assertions, struct, zstd and SQLite errors).
         text = str(reason).splitlines()[0].rstrip(".") if str(reason) else type(reason).__name__
         mend = "it is damaged or was not closed: try `mcap recover` or `rosbag reindex`, or copy it again"
-        raise RecordingError(f"cannot be read ({text})", file=path, mend=mend) from None
+        raise RecordingError(f"cannot be read ({text})", mend=mend) from None
 
 
 def _readers(path: Path) -> list[Any]:
