@@ -30,6 +30,7 @@ class PoseGraph:
         self.settings = settings
         self.pins = 0
         self._T_odom: list[Array] = []
+        self._up_imu: list[Array] = []
         self._links: list[_RelativePose] = []
         self._isam: gtsam.ISAM2 | None = None
         self._new = gtsam.NonlinearFactorGraph()
@@ -45,8 +46,12 @@ class PoseGraph:
     def __len__(self) -> int:
         return len(self._T_odom)
 
-    def add_keyframe(self, T_odom_imu: Array, covariance: Array) -> None:
-        """The next keyframe, and the covariance (6, 6) of its pose relative to the one before (not of the first)."""
+    def add_keyframe(self, T_odom_imu: Array, up_odom: Array, covariance: Array) -> None:
+        """The next keyframe: its pose, the direction against gravity, and the covariance (6, 6) of the relative pose.
+
+        ``covariance`` is that of the pose relative to the keyframe before; the first keyframe's is not used.
+        """
+        self._up_imu.append(T_odom_imu[:3, :3].T @ up_odom)
         if self._T_odom:
             link = _RelativePose(inverse(self._T_odom[-1]) @ T_odom_imu, covariance)
             self._links.append(link)
@@ -66,6 +71,7 @@ class PoseGraph:
         self._anchors.clear()
         self.pins = 0
         self._values.insert(_X(0), gtsam.Pose3(T_map_odom @ self._T_odom[0]))
+        self._insert_vertical(0)
         for index in range(1, len(self._T_odom)):
             self._insert_link(index, T_map_odom @ self._T_odom[index])
 
@@ -74,6 +80,13 @@ class PoseGraph:
         noise = gtsam.noiseModel.Gaussian.Covariance(link.covariance)
         self._new.add(gtsam.BetweenFactorPose3(_X(index - 1), _X(index), gtsam.Pose3(link.T_a_b), noise))
         self._values.insert(_X(index), gtsam.Pose3(T_map_imu))
+        self._insert_vertical(index)
+
+    def _insert_vertical(self, index: int) -> None:
+        """Gravity as the filter knows it holds roll and pitch where pins are far, or are ranges only."""
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, self.settings.vertical_std)
+        up_imu, up_map = gtsam.Unit3(self._up_imu[index]), gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
+        self._new.add(gtsam.AttitudeFactorPose3(_X(index), up_map, noise, up_imu))
 
     def pin_pose(self, index: int, T_map_imu: Array, covariance: Array) -> None:
         """A verified intersection gives keyframe ``index`` its pose in the map (6, 6 covariance, rotation first)."""

@@ -114,7 +114,7 @@ class Localizer:
 
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
         keyframe = self._keyframes.add(pose)
-        self._graph.add_keyframe(keyframe.T_odom_imu, self._link_covariance(pose))
+        self._graph.add_keyframe(keyframe.T_odom_imu, keyframe.up_odom, self._link_covariance(pose))
         self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
         self._counts["keyframes"] += 1
         if self._graph.anchored:
@@ -145,7 +145,8 @@ class Localizer:
     def _pin_intersection(self, recognition: Recognition) -> None:
         if not self._graph.anchored:
             last = recognition.pins[-1]
-            self._anchor(last.T_map_imu @ inverse(self._keyframe_track[last.keyframe][1]), "intersection")
+            stamp_ns, T_odom_imu = self._keyframe_track[last.keyframe]
+            self._anchor(last.T_map_imu @ inverse(T_odom_imu), stamp_ns, "intersection")
         for pin in recognition.pins:
             self._graph.pin_pose(pin.keyframe, pin.T_map_imu, pin.covariance)
             self._recognised.add(pin.intersection)
@@ -164,7 +165,7 @@ class Localizer:
         R_level_odom = rotation_between(self._newest.up_odom, _UP)
         alignment = self._sightings.align(R_level_odom)
         if alignment is not None:
-            self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), "ranges and fixes")
+            self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, "ranges and fixes")
             for sighting in self._sightings.kept:
                 self._pin_sighting(sighting, gate=False)
             self._solve()
@@ -202,9 +203,9 @@ class Localizer:
             self._event(stamp_ns, "mode", before=self._mode, after=mode)
             self._mode = mode
 
-    def _anchor(self, T_map_odom: Array, by: str) -> None:
+    def _anchor(self, T_map_odom: Array, stamp_ns: int, by: str) -> None:
         self._graph.anchor(T_map_odom)
-        self._event(self._keyframe_track[-1][0], "anchored", by=by)
+        self._event(stamp_ns, "anchored", by=by)
 
     def _solve(self) -> None:
         self._graph.solve()

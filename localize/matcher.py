@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from descriptors.index import ContourIndex
-from maps.observe import ObservedIntersection, View, observe_intersections
+from maps.free_space import View
+from maps.observe import ObservedIntersection, observe_intersections
 
 from localize.keyframes import Keyframe, Stack
 from localize.results import Event
@@ -79,8 +80,8 @@ class IntersectionMatcher:
         self._origin = origin
         self._intersections = semantic_map.intersections
         self._p_map = np.array([i.p_map - origin for i in self._intersections]).reshape(-1, 3)
-        self._index = ContourIndex([i.contour for i in self._intersections])
         self._map_settings = MapSettings.model_validate(dict(semantic_map.settings))
+        self._index = ContourIndex([i.contour for i in self._intersections], self._map_settings.contour)
         self._verifier = Verifier(settings.verification)
         self._sights: list[_Sight] = []
         self._unconfirmed: list[tuple[Array, Pin]] = []
@@ -121,7 +122,7 @@ class IntersectionMatcher:
             allowed = np.linalg.norm(self._p_map - expected, axis=1) < m.search_radius + 3.0 * position_std
             heading = yaw_of(T_map_local[:3, :3])
         hypotheses = []
-        for match in self._index.matches(observation.contour, allowed):
+        for match in self._index.best(observation.contour, m.candidates, allowed):
             off = 0.0 if heading is None else abs(np.angle(np.exp(1j * (match.yaw - heading))))
             if match.pwcv >= m.min_pwcv and off < _SAME_YAW_RAD:
                 hypotheses.append(
@@ -129,8 +130,7 @@ class IntersectionMatcher:
                         self._intersections[match.row], match.yaw, match.pwcv, match.cwc, match.completeness
                     )
                 )
-        hypotheses.sort(key=lambda h: h.pwcv, reverse=True)
-        return sorted(hypotheses[: m.candidates], key=lambda h: h.cwc, reverse=True)
+        return sorted(hypotheses, key=lambda h: h.cwc, reverse=True)
 
     def _decide(
         self,

@@ -114,6 +114,8 @@ class GraphSettings(Settings):
     """Least standard deviation of a pin [m]: what map and sensor can do."""
     pin_rotation: PositiveFloat = 0.003
     """Least standard deviation of a pin [rad]."""
+    vertical_std: PositiveFloat = 0.03
+    """The filter's vertical at one keyframe [rad]; keyframes share its error, so one alone counts little."""
     anchor_std: PositiveFloat = 0.01
     """Survey of the UWB anchors [m]."""
     huber_sigmas: PositiveFloat = 1.5
