@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semmap.errors import RecordingError, SemmapError
 from semmap.measurements import ImuSample, Measurement, PrismFix, Scan, UwbRange, WheelSpeed
@@ -113,15 +114,20 @@ def decode_scan(message: Any, block: LidarBlock, times: PointTimeFormat) -> Scan
     keep = np.flatnonzero(within_range(points, block.min_range, block.max_range) & timed)
     if not len(keep):
         return None
-    names = table.dtype.names or ()
-    ring, intensity = find_column(names, RING_FIELDS), find_column(names, INTENSITY_FIELDS)
+    ring, intensity = _column(table, RING_FIELDS, np.uint16), _column(table, INTENSITY_FIELDS, np.float32)
     return Scan(
         stamp_ns(message, block),
         points[keep],
         offsets[keep],
-        ring=None if ring is None else table[ring][keep].astype(np.uint16),
-        intensity=None if intensity is None else table[intensity][keep].astype(np.float32),
+        ring=None if ring is None else ring[keep],
+        intensity=None if intensity is None else intensity[keep],
     )
+
+
+def _column(table: NDArray[Any], wanted: tuple[str, ...], dtype: type) -> NDArray[Any] | None:
+    name = find_column(table.dtype.names or (), wanted)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return None if name is None else table[name].astype(dtype)
 
 
 DECODERS: Mapping[str, Callable[..., Measurement | None]] = {

@@ -96,7 +96,7 @@ def coordinates(table: NDArray[Any]) -> NDArray[np.float32]:
         if axis not in names:
             raise CloudError("is missing", field=axis, mend=f"the cloud has {', '.join(names) or 'no fields'}")
     points = np.empty((len(table), 3), np.float32)
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         points[:, 0], points[:, 1], points[:, 2] = table["x"], table["y"], table["z"]
     return points
 

@@ -87,8 +87,8 @@ def _offsets(
         return offsets, np.abs(offsets) <= _MAX_OFFSET_NS
     # Whole units first: an epoch in nanoseconds has more digits than a float64, its difference has not.
     whole, rest = divmod(origin_ns, scale)
-    offsets_float = (values.astype(np.float64) - whole) * scale - rest
     with np.errstate(invalid="ignore"):
+        offsets_float = (values.astype(np.float64) - whole) * scale - rest
         good = np.abs(offsets_float) <= _MAX_OFFSET_NS
     return np.rint(np.where(good, offsets_float, 0.0)).astype(np.int64), good
 
