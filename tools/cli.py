@@ -18,7 +18,7 @@ from semmap.errors import SemmapError
 if TYPE_CHECKING:
     from tools.settings import ToolSettings
 
-ClickException = typer.BadParameter.__mro__[2]
+ClickException: Any = typer.BadParameter.__mro__[2]
 """Base of the parser's errors, BadParameter < UsageError < ClickException; typer exports only the first."""
 
 USER_ERROR, CRASH, INTERRUPTED = 2, 1, 130
@@ -230,7 +230,7 @@ def run(args: Sequence[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output went away, as in `semmap info DB.h5 | head`
-        sys.stdout = None  # type: ignore[assignment]  # nothing left to flush at exit
+        sys.stdout = None  # nothing left to flush at exit
         return 0
     except Exception as error:
         if _common.verbose:

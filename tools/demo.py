@@ -75,4 +75,4 @@ def _error_cells(run: dict[str, Any]) -> tuple[str, str]:
     errors = row.get("absolute") or row.get("from_start")
     if errors is None:
         return "no pose", "no pose"
-    return f"{errors['position_m']['rmse']:.2f}", f"{errors['position_m']['max']:.2f}"
+    return f"{errors['position_m']['rmse']:.3f}", f"{errors['position_m']['max']:.3f}"

@@ -45,8 +45,7 @@ def evaluate_run(run: str | Path, truth_file: str | Path) -> dict[str, Any]:
     found = load_trajectories(run)
     truth = read_truth(truth_file)
     evaluation: dict[str, Any] = {"truth": str(truth_file), "unit": "m"}
-    compare = _compare_points if isinstance(truth, CheckPoints) else _compare_trajectory
-    evaluation["trajectories"] = {name: compare(estimate, truth) for name, estimate in found.items()}
+    evaluation["trajectories"] = {name: _compared(estimate, truth) for name, estimate in found.items()}
     evaluation["realtime"] = coverage(found)
     with written_whole(run / "evaluation.json") as temporary:
         temporary.write_text(json.dumps(evaluation, indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -95,6 +94,12 @@ def read_check_points(path: str | Path) -> CheckPoints:
     if not points or not np.isfinite(points).all():
         raise TrajectoryError("holds no finite check points", file=path, mend="columns: time,x,y,z and maybe name")
     return CheckPoints(tuple(names), np.array(stamps, np.int64), np.array(points))
+
+
+def _compared(estimate: Trajectory, truth: Trajectory | CheckPoints) -> dict[str, Any]:
+    if isinstance(truth, CheckPoints):
+        return _compare_points(estimate, truth)
+    return _compare_trajectory(estimate, truth)
 
 
 def _compare_trajectory(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:

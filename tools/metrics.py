@@ -83,7 +83,7 @@ def stamps_covered(query: NDArray[np.int64], known: NDArray[np.int64]) -> NDArra
     right = known[np.minimum(after, len(known) - 1)]
     left = known[np.maximum(after - 1, 0)]
     exact = inside & (right == query)
-    return exact | (inside & (after > 0) & (right - left <= gap_limit_ns(known)))
+    return np.asarray(exact | (inside & (after > 0) & (right - left <= gap_limit_ns(known))))
 
 
 def alignment(source: Array, target: Array) -> Array:

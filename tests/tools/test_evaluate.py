@@ -122,7 +122,7 @@ def test_realtime_coverage_counts_scans_and_the_first_fix(tmp_path: Path) -> Non
     assert evaluation["realtime"]["first_fix_s"] == pytest.approx(15.0)
     assert evaluation["realtime"]["scans_covered_percent"] == pytest.approx(100.0 * 451 / 601)
     assert "first after 15.0 s" in coverage_line(evaluation)
-    assert evaluation_table(evaluation).row_count == 3
+    assert evaluation_table(evaluation).row_count == 6  # three trajectories, as they are and fitted
 
 
 def test_a_run_without_a_map_pose_is_evaluated_and_says_so(tmp_path: Path) -> None:

@@ -103,7 +103,7 @@ def test_a_run_page_shows_the_figures_of_the_run(run: Path, tmp_path: Path) -> N
     assert_self_contained(page)
     for words in ("Plan", "Position over time", "Errors", "State", "Events: intersection (2)", "seed: 0"):
         assert words in page
-    assert "<dd>0.25 m</dd>" in page  # RMSE without alignment
+    assert "<dd>0.250 m</dd>" in page  # RMSE without alignment
     assert "seen &lt;twice&gt;" in page
     assert len(page) < 2_000_000
 

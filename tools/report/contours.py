@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from semmap.geometry import Array
 from semmap.intersections import Intersection
@@ -43,7 +44,7 @@ def _contour_path(one: Intersection, radius: float, scale: float) -> str:
     return "".join(path)
 
 
-def _runs(seen: Array) -> list[Array]:
+def _runs(seen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Indices of the stretches of neighbouring sectors that were observed."""
     indices = np.flatnonzero(seen)
     return np.split(indices, np.flatnonzero(np.diff(indices) > 1) + 1) if len(indices) else []
@@ -70,7 +71,7 @@ def similarity_picture(similarities: Array, ids: Sequence[int]) -> str:
         axes.grid(False)
         picture = axes.imshow(similarities, vmin=0.0, vmax=1.0, cmap="viridis", interpolation="nearest")
         step = max(1, len(ids) // 25)
-        ticks = np.arange(0, len(ids), step)
+        ticks = range(0, len(ids), step)
         axes.set_xticks(ticks, [str(ids[i]) for i in ticks], fontsize=7)
         axes.set_yticks(ticks, [str(ids[i]) for i in ticks], fontsize=7)
         axes.set_xlabel("intersection")

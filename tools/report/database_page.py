@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import yaml
 
+from descriptors.index import ContourIndex
+from descriptors.settings import ContourSettings
 from maps.settings import MapSettings
 from semmap.intersections import SemanticMap
 from tools.info import INTERSECTION_HEAD, intersection_rows, overview
@@ -21,7 +23,7 @@ def database_page(semantic_map: SemanticMap, name: str) -> str:
         facts(_figures(semantic_map)),
         section(
             "Plan",
-            figure(plan(semantic_map), "Roadway axes, wall points around the intersections, and their numbers."),
+            figure(plan(semantic_map), "Roadway axes, the map around the intersections, and their numbers."),
         ),
         section("Intersections", table(INTERSECTION_HEAD, intersection_rows(semantic_map))),
         section("Wall contours (PWCV)", _contours(semantic_map)),
@@ -44,7 +46,7 @@ def _figures(semantic_map: SemanticMap) -> dict[str, str]:
 
 
 def _contours(semantic_map: SemanticMap) -> str:
-    radius = MapSettings.model_validate(dict(semantic_map.settings)).contour.radius
+    radius = _contour_settings(semantic_map).radius
     pictures = "".join(figure(contour_picture(one, radius)) for one in semantic_map.intersections)
     words = f"From above, x to the right, rim at {radius:g} m; orange: roadways that leave; open: not observed."
     return f'<div class="grid">{pictures}</div>{note(words)}' if pictures else ""
@@ -54,9 +56,15 @@ def _similarity(semantic_map: SemanticMap) -> str:
     if len(semantic_map) < 2:
         return ""
     contours = [one.contour for one in semantic_map.intersections]
-    matrix = np.array([[pwcv_similarity(a, b) for b in contours] for a in contours])
+    index = ContourIndex(contours, _contour_settings(semantic_map))
+    matrix = np.array([index.similarities(contour) for contour in contours])
     picture = similarity_picture(matrix, [one.id for one in semantic_map.intersections])
-    return figure(picture, "1 means alike at the best rotation. Bright places off the diagonal are easy to confuse.")
+    words = "1 means alike at the best rotation. Bright places off the diagonal are easy to confuse."
+    return figure(picture, words, narrow=True)
+
+
+def _contour_settings(semantic_map: SemanticMap) -> ContourSettings:
+    return MapSettings.model_validate(dict(semantic_map.settings)).contour
 
 
 def _settings_text(semantic_map: SemanticMap) -> str:

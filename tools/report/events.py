@@ -78,4 +78,4 @@ def _bands(changes: Sequence[Event], start_ns: int, end_ns: int) -> list[Band]:
     stamps = [start_ns, *(event["stamp_ns"] for event in changes), end_ns]
     names = [str(changes[0]["before"]), *(str(event["after"]) for event in changes)]
     times = [(stamp - start_ns) * 1e-9 for stamp in stamps]
-    return [Band(start, end, name) for start, end, name in zip(times[:-1], times[1:], names, strict=True)]
+    return [Band(start, end, name) for start, end, name in zip(times[:-1], times[1:], names, strict=True) if name]

@@ -18,6 +18,7 @@ p.lead { color: var(--faint); margin: 0 0 1rem; }
 p.note { color: var(--faint); font-size: .9rem; margin: .4rem 0; }
 figure { margin: .8rem 0; }
 figure svg { width: 100%; height: auto; display: block; }
+figure.narrow { max-width: 38rem; }
 figcaption { color: var(--faint); font-size: .9rem; }
 .scroll { overflow-x: auto; max-height: 36rem; overflow-y: auto; border: 1px solid var(--line);
            border-radius: 4px; }
@@ -26,7 +27,7 @@ th, td { padding: .28rem .6rem; text-align: right; border-bottom: 1px solid var(
          white-space: nowrap; }
 th { position: sticky; top: 0; background: var(--band); font-weight: 600; }
 th:first-child, td:first-child, .text { text-align: left; }
-td.text { white-space: normal; min-width: 8rem; }
+td.text { white-space: normal; min-width: 11rem; }
 tr:last-child td { border-bottom: 0; }
 dl { display: grid; grid-template-columns: repeat(auto-fill, minmax(9.5rem, 1fr)); gap: .7rem;
      margin: 1rem 0; }
@@ -62,10 +63,11 @@ def note(text: str) -> str:
     return f'<p class="note">{escape(text)}</p>'
 
 
-def figure(graphic: str, caption: str = "") -> str:
+def figure(graphic: str, caption: str = "", *, narrow: bool = False) -> str:
     """An inline graphic with its caption."""
     below = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-    return f"<figure>{graphic}{below}</figure>"
+    kind = ' class="narrow"' if narrow else ""
+    return f"<figure{kind}>{graphic}{below}</figure>"
 
 
 def facts(values: Mapping[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""The plan of the mine: roadways, walls around the intersections, their numbers, and tracks on it."""
+"""The plan of the mine: roadways, the cloud around the intersections, their numbers, and tracks on it."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def _draw_intersections(axes: Axes, intersections: Sequence[Intersection], recog
     for one in intersections:
         axes.annotate(
             str(one.id),
-            one.p_map[:2],
+            (one.p_map[0], one.p_map[1]),
             xytext=(6, 5),
             textcoords="offset points",
             fontsize=8,

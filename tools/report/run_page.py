@@ -50,8 +50,8 @@ def headline(run: RunFiles) -> dict[str, str]:
         values["ms per scan, median"] = f"{s['ms_per_scan_median']:.0f}"
     row = run.evaluation.get("trajectories", {}).get("trajectory", {})
     if "absolute" in row:
-        values["RMSE, no alignment"] = f"{row['absolute']['position_m']['rmse']:.2f} m"
-        values["largest error"] = f"{row['absolute']['position_m']['max']:.2f} m"
+        values["RMSE, no alignment"] = f"{row['absolute']['position_m']['rmse']:.3f} m"
+        values["largest error"] = f"{row['absolute']['position_m']['max']:.3f} m"
     first = run.evaluation.get("realtime", {}).get("first_fix_s")
     if first is not None:
         values["first place in the map after"] = f"{first:.0f} s"
@@ -113,7 +113,7 @@ def _positions(run: RunFiles, placed: Mapping[str, Trajectory]) -> str:
         lines.insert(0, Line("truth", seconds(run.truth.stamps_ns, start), run.truth.positions, INK))
     if not lines:
         return note("No pose at any time.")
-    caption = "Red lines: an intersection was accepted." if _pins(run) else ""
+    caption = "Red marks: an intersection was accepted." if _pins(run) else ""
     return figure(position_over_time(lines, _pins(run)), caption)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import cycle
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -55,8 +56,7 @@ def position_over_time(lines: Sequence[Line], pins: Sequence[float] = ()) -> str
                     markersize=2,
                     label=line.name,
                 )
-            for pin in pins:
-                axes.axvline(pin, color=RED, linewidth=0.6, alpha=0.6)
+            _draw_pins(axes, pins)
             axes.set_ylabel(f"{'xyz'[axis]} [m]")
             plain_numbers(axes)
         panels[-1].set_xlabel("time [s]")
@@ -71,13 +71,17 @@ def errors_over_time(errors: Sequence[tuple[str, Array, Array, str]], pins: Sequ
         axes = fig.subplots()
         for name, times, values, colour in errors:
             axes.plot(times, np.maximum(values, 1e-3), color=colour, linewidth=1.2, label=name)
-        for pin in pins:
-            axes.axvline(pin, color=RED, linewidth=0.6, alpha=0.6)
+        _draw_pins(axes, pins)
         axes.set_yscale("log")
         axes.set_xlabel("time [s]")
         axes.set_ylabel("position error [m]")
         fig.legend(loc="outside upper center", ncols=4)
         return svg(fig)
+
+
+def _draw_pins(axes: Axes, pins: Sequence[float]) -> None:
+    """Short red marks at the foot of a panel."""
+    axes.plot(pins, np.full(len(pins), 0.02), "|", color=RED, markersize=7, transform=axes.get_xaxis_transform())
 
 
 def mode_bands(rows: dict[str, Sequence[Band]]) -> str:
