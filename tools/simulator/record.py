@@ -104,7 +104,7 @@ def simulate(
 def _open_mine(source: str | Path, seed: int, report: Progress) -> Mine:
     """A mesh where the source looks like a file, a built-in mine otherwise."""
     path = Path(source)
-    if path.exists() or path.suffix.lower() in MESH_SUFFIXES:
+    if path.is_file() or path.suffix.lower() in MESH_SUFFIXES:
         return load_mesh(path)
     return scenario(str(source), seed, progress=report)
 
