@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -99,8 +100,8 @@ def _read_ascii(file: BinaryIO, header: _Header) -> NDArray[Any]:
 
 def read_numbers(file: BinaryIO, n_rows: int, columns: list[int] | None = None) -> Array:
     """Up to ``n_rows`` lines of numbers from here on, as (n, columns) float64."""
-    text = io.TextIOWrapper(file, encoding="ascii")
-    values: Array = np.loadtxt(text, np.float64, comments=None, usecols=columns, max_rows=n_rows, ndmin=2)
+    filled = (line for line in io.TextIOWrapper(file, encoding="ascii") if line.strip())
+    values: Array = np.loadtxt(islice(filled, n_rows), np.float64, comments=None, usecols=columns, ndmin=2)
     return values
 
 

@@ -6,7 +6,7 @@ The only file that knows laspy and pye57.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
@@ -30,6 +30,8 @@ MIN_POINTS = 1000
 _FORMATS = "PCD, PLY, LAS, LAZ or E57"
 _LOCAL_M = 5000.0  # float32 is finer than half a millimetre below this
 _ORIGIN_STEP_M = 1000.0
+_FARTHEST_M = 1e8  # no map grid on Earth goes that far: such numbers are damage, like NaN
+_ORIGIN_SAMPLE = 100_000
 _LAS_STEP_M = 0.001
 _LAS_CHUNK = 2_000_000
 _LAS_NOISE = (7, 18)  # classes: low and high noise
@@ -45,7 +47,7 @@ class PriorMap:
     origin : (3,) float64 [m], whole kilometres; zero along an axis whose coordinates are all below 5 km.
     sources : file name -> sha-256 of its bytes.
     crs : WKT or EPSG code of the map frame, where a file says so.
-    n_dropped : points left out because they are not finite, or a LAS file marks them as noise or withheld.
+    n_dropped : points left out: not finite or absurd, or marked as noise or withheld in a LAS file.
     """
 
     points: NDArray[np.float32]
@@ -90,7 +92,7 @@ def read_prior_map(
     for path, before, size in zip(files, np.cumsum([0, *sizes]).tolist(), sizes, strict=False):
         for points, share in _read(path):
             n_read += len(points)
-            parts.append(points[np.isfinite(points).all(axis=1)])
+            parts.append(points[(np.abs(points) < _FARTHEST_M).all(axis=1)])
             if progress is not None:
                 progress(before + round(share * size), sum(sizes))
         crs = _one_crs(crs, _crs_of(path), path)
@@ -196,12 +198,13 @@ def _one_crs(known: str | None, found: str | None, path: Path) -> str | None:
     return known if known is not None else found
 
 
-def _round_origin(parts: Iterable[Array]) -> Array:
+def _round_origin(parts: Sequence[Array]) -> Array:
     """A round point near the mine; zero along the axes where a local grid is small enough as it is."""
     filled = [part for part in parts if len(part)]
-    centroid = np.sum([part.sum(axis=0) for part in filled], axis=0) / sum(map(len, filled))
+    stride = max(1, sum(map(len, filled)) // _ORIGIN_SAMPLE)
+    middle = np.median(np.concatenate([part[::stride] for part in filled]), axis=0)
     largest = np.max([np.abs(part).max(axis=0) for part in filled], axis=0)
-    origin = np.round(centroid / _ORIGIN_STEP_M) * _ORIGIN_STEP_M
+    origin = np.round(middle / _ORIGIN_STEP_M) * _ORIGIN_STEP_M
     return np.asarray(np.where(largest < _LOCAL_M, 0.0, origin))
 
 

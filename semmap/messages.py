@@ -37,6 +37,7 @@ MESSAGE_TYPES: Mapping[str, tuple[str, ...]] = {
 """Sensor block of the rig -> message types it is read from; the first is the one that is written."""
 
 _ANCHOR = "anchor_"
+_MAX_GYRO, _MAX_ACCEL = 200.0, 2000.0  # [rad/s], [m/s²]: no IMU measures more, what says so is a broken message
 
 
 def sensor_blocks(rig: Rig) -> dict[str, SensorBlock]:
@@ -64,13 +65,13 @@ def _offset_ns(block: SensorBlock) -> int:
 
 
 def decode_imu(message: Any, block: ImuBlock) -> ImuSample | None:
-    """`sensor_msgs/Imu`; the accelerometer's unit is the rig's ``accel_unit``."""
+    """`sensor_msgs/Imu`; the accelerometer's unit is the rig's ``accel_unit``. Absurd values say nothing."""
     w, a = message.angular_velocity, message.linear_acceleration
     scale = STANDARD_GRAVITY if block.accel_unit == "g" else 1.0
-    values = (w.x, w.y, w.z, a.x, a.y, a.z)
-    if not all(map(math.isfinite, values)):
-        return None
-    return ImuSample(stamp_ns(message, block), np.array(values[:3]), scale * np.array(values[3:]))
+    gyro, accel = (w.x, w.y, w.z), (scale * a.x, scale * a.y, scale * a.z)
+    if not all(abs(x) < _MAX_GYRO for x in gyro) or not all(abs(x) < _MAX_ACCEL for x in accel):
+        return None  # NaN is below nothing
+    return ImuSample(stamp_ns(message, block), np.array(gyro), np.array(accel))
 
 
 def decode_wheel(message: Any, block: SensorBlock) -> WheelSpeed | None:
