@@ -16,10 +16,10 @@ from tools.tables import text_table
 def print_info(path: Path) -> None:
     """Print an overview of the database at ``path`` and a table of its intersections."""
     semantic_map = database.load(path)
-    console = Console()
+    console = Console(highlight=False, markup=False, soft_wrap=True)
     for name, value in overview(semantic_map).items():
-        console.print(f"{name:<14} {value}", highlight=False, markup=False, soft_wrap=True)
-    console.print(text_table(INTERSECTION_HEAD, intersection_rows(semantic_map), left=0))
+        console.print(f"{name:<14} {value}")
+    Console().print(text_table(INTERSECTION_HEAD, intersection_rows(semantic_map), left=0))
 
 
 def overview(semantic_map: SemanticMap) -> dict[str, str]:
