@@ -11,19 +11,16 @@ from semmap.errors import InputFileError, SettingsError
 from semmap.geometry import Array
 from semmap.rig import Rig
 from semmap.trajectory import Trajectory
+from tools.simulator.clearance import check_inside, kept_clear
 from tools.simulator.mine import Mine
 from tools.simulator.motion import Motion
 from tools.simulator.rigs import default_rig
-from tools.simulator.route import checked_route
+from tools.simulator.route import checked_route, control_points
 from tools.simulator.settings import SensorFaults, SimulationSettings
 
 EPOCH_NS = 1_000_000_000_000
 """Stamp of the moment the robot's motion begins: robots' clocks do not start at zero."""
 TRUTH_RATE_HZ = 50.0
-
-_CLEARANCE = 0.25
-_HORIZON = 24
-_CHECK_S = 0.1
 
 Stamps = NDArray[np.int64]
 
@@ -94,8 +91,9 @@ def fly(
         if mine.scenario is None:
             raise InputFileError("needs a route", file=mine.name, field="route", mend="give --route CSV")
         route = mine.scenario.route_floor()
-    motion = Motion(checked_route(np.asarray(route, dtype=np.float64)), settings.motion, seed)
-    _check_inside(mine, motion, settings.motion.height)
+    controls = control_points(checked_route(np.asarray(route, dtype=np.float64)), settings.motion)
+    motion = Motion(kept_clear(controls, mine), settings.motion, seed)
+    check_inside(mine, motion, settings.motion.height)
     last = motion.duration_s if settings.duration_s is None else settings.start_s + settings.duration_s
     if settings.start_s >= motion.duration_s:
         raise SettingsError(
@@ -112,34 +110,3 @@ def fly(
         min(last, motion.duration_s),
         seed,
     )
-
-
-def _check_inside(mine: Mine, motion: Motion, height: float) -> None:
-    """Raise `InputFileError` at the first place where the path is not in a roadway with a floor below."""
-    p = motion(np.arange(0.0, motion.duration_s, _CHECK_S)).position
-    p = p[np.concatenate([[True], np.linalg.norm(np.diff(p, axis=0), axis=1) > 1e-6])]
-    down = np.broadcast_to([0.0, 0.0, -1.0], p.shape)
-    blocked = np.append(np.isfinite(mine.raycaster.free_way(p[:-1], p[1:])), False)
-    reasons = (
-        (blocked, "passes through rock"),
-        (mine.raycaster.cast(p, down).distances > height + 3.0, "has no floor below"),
-        (_surrounded(mine, p) < 0.6, "is outside the mine"),
-        (mine.raycaster.clearance(p) < _CLEARANCE, f"comes nearer than {_CLEARANCE} m to the rock"),
-    )
-    for bad, what in reasons:
-        if bad.any():
-            x, y, z = p[int(np.argmax(bad))]
-            raise InputFileError(
-                f"{what} near ({x:.1f}, {y:.1f}, {z:.1f})",
-                file=mine.name,
-                field="route",
-                mend="check the route's coordinates, the flying height and the smoothing of corners",
-            )
-
-
-def _surrounded(mine: Mine, p: Array) -> Array:
-    """Share (n,) of the horizon that is rock, seen from points (n, 3)."""
-    angle = np.linspace(0.0, 2.0 * np.pi, _HORIZON, endpoint=False)
-    horizon = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_HORIZON)])
-    hits = mine.raycaster.cast(np.repeat(p, _HORIZON, axis=0), np.tile(horizon, (len(p), 1)))
-    return np.asarray(np.isfinite(hits.distances).reshape(-1, _HORIZON).mean(axis=1))

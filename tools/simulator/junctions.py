@@ -58,15 +58,13 @@ def _bearings(scenario: MineScenario, node: str) -> Array:
     degree = {name: sum(name in (r.start, r.end) for r in scenario.roadways) for name in scenario.nodes}
     bearings: list[float] = []
     for roadway in scenario.roadways:
-        for here, there, axis in _both_ways(scenario.axis(roadway), roadway.start, roadway.end):
-            niche = degree[there] == 1 and _along(axis)[-1] < _NICHE_LENGTH
-            if here == node and not niche:
+        for here, there in ((roadway.start, roadway.end), (roadway.end, roadway.start)):
+            if here != node:
+                continue
+            axis = scenario.axis(roadway) if here == roadway.start else np.flip(scenario.axis(roadway), axis=0)
+            if degree[there] > 1 or _along(axis)[-1] >= _NICHE_LENGTH:
                 bearings.append(_bearing(axis))
     return np.sort(np.array(bearings))
-
-
-def _both_ways(axis: Array, start: str, end: str) -> tuple[tuple[str, str, Array], tuple[str, str, Array]]:
-    return (start, end, axis), (end, start, axis[::-1])
 
 
 def _bearing(axis: Array) -> float:

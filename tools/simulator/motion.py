@@ -14,7 +14,7 @@ import numpy as np
 from semmap.geometry import Array, se3
 from semmap.rig import STANDARD_GRAVITY
 from tools.simulator.angles import Angles, direction
-from tools.simulator.route import CONTROL_STEP, control_points
+from tools.simulator.route import CONTROL_STEP
 from tools.simulator.settings import MotionSettings
 from tools.simulator.spline import UniformSpline
 
@@ -69,8 +69,8 @@ class Motion:
 
     Parameters
     ----------
-    floor : (n, 3) route points on the floor, map frame.
-    settings : speed, height, smoothing, wobble, vibration.
+    controls : (n, 3) control points of the path, half a metre apart, map frame; see `control_points`.
+    settings : speed, limits, wobble, vibration.
     seed : of the phases of wobble and vibration.
 
     Attributes
@@ -78,8 +78,7 @@ class Motion:
     duration_s : from standing still to standing still; length : of the path [m].
     """
 
-    def __init__(self, floor: Array, settings: MotionSettings, seed: int) -> None:
-        controls = control_points(floor, settings)
+    def __init__(self, controls: Array, settings: MotionSettings, seed: int) -> None:
         self._origin = np.round(controls.mean(axis=0))
         self._path = UniformSpline(controls - self._origin, CONTROL_STEP, ends="straight")
         times, progress, self.length = _timetable(self._path, settings)

@@ -70,8 +70,8 @@ def _diggable(plan: Array, edges: list[tuple[int, int]], a: int, b: int) -> bool
 
 
 def _gap(first: Array, second: Array) -> float:
-    """Smallest distance [m] of two straight roadways, (2, 2) each, to the nearest half metre or so."""
-    t = np.linspace(0.0, 1.0, 60)[:, None]
+    """Smallest distance [m] of two straight roadways, (2, 2) each, to a metre or so."""
+    t = np.linspace(0.0, 1.0, 30)[:, None]
     p, q = (ends[0] + t * (ends[1] - ends[0]) for ends in (first, second))
     return float(np.linalg.norm(p[:, None] - q[None], axis=2).min())
 

@@ -56,7 +56,12 @@ class Raycaster:
         distances = self.cast(starts, steps / np.maximum(lengths, 1e-9)[:, None]).distances.astype(np.float64)
         return np.where(distances < lengths, distances, np.inf)
 
+    def from_rock(self, points: Array) -> Array:
+        """Vectors (n, 3) [m] to points (n, 3), map frame, from the rock nearest to each."""
+        local = (points - self._origin).astype(np.float32)
+        nearest = self._scene.compute_closest_points(o3d.core.Tensor.from_numpy(local))["points"].numpy()
+        return np.asarray(local - nearest, dtype=np.float64)
+
     def clearance(self, points: Array) -> Array:
         """Distance (n,) [m] from points (n, 3), map frame, to the nearest rock."""
-        local = (points - self._origin).astype(np.float32)
-        return np.asarray(self._scene.compute_distance(o3d.core.Tensor.from_numpy(local)).numpy(), dtype=np.float64)
+        return np.asarray(np.linalg.norm(self.from_rock(points), axis=1))

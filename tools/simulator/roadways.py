@@ -103,12 +103,12 @@ class MineScenario:
         """Floor points (n, 3) of the route in the map frame."""
         parts = [self._leg(start, end) for start, end in zip(self.route[:-1], self.route[1:], strict=True)]
         joined = np.concatenate([parts[0][:1], *(part[1:] for part in parts)])
-        return joined + np.asarray(self.origin)
+        return np.asarray(joined + np.asarray(self.origin))
 
     def _leg(self, start: str, end: str) -> Array:
         roadway = self.between(start, end)
         axis = self.axis(roadway)
-        return axis if roadway.start == start else axis[::-1]
+        return axis if roadway.start == start else np.flip(axis, axis=0)
 
     def _relief(self, plan: Array) -> Array:
         """Undulation (n,) of the floor at plan positions (n, 2), one for all roadways, so they meet level."""

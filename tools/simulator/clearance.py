@@ -1,0 +1,71 @@
+"""Is there room for the path: keep it off the walls where they are near, and refuse it where it leaves the mine."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from semmap.errors import InputFileError
+from semmap.geometry import Array
+from tools.simulator.mine import Mine
+from tools.simulator.motion import Motion
+
+_WANTED, _NEEDED = 0.5, 0.25
+"""[m] from the rock: what the path is moved to get, and what it must have."""
+_ROUNDS = 40
+_SPREAD = 2.0
+"""How many control points, 1σ, give way together."""
+_HORIZON, _CLOSED = 24, 0.6
+"""Of so many horizontal looks from a place in a mine this share at least meets rock."""
+_BELOW = 3.0
+_CHECK_S = 0.1
+
+
+def kept_clear(controls: Array, mine: Mine) -> Array:
+    """Control points (n, 3) moved sideways from walls nearer than half a metre, as far as there is room.
+
+    Smoothing cuts corners and turning back swings out, and a narrow roadway may have no room for either.
+    """
+    line = controls.copy()
+    for _ in range(_ROUNDS):
+        away = mine.raycaster.from_rock(line)
+        distance = np.linalg.norm(away, axis=1)
+        lacking = np.maximum(_WANTED - distance, 0.0)
+        lacking[[0, -1]] = 0.0
+        if not lacking.any():
+            break
+        push = (lacking / np.maximum(distance, 1e-6))[:, None] * away[:, :2]
+        # the smoothed push is weaker than the lack: give it back its strength
+        line[:, :2] += 2.0 * gaussian_filter1d(push, _SPREAD, axis=0, mode="constant")
+    return line
+
+
+def check_inside(mine: Mine, motion: Motion, height: float) -> None:
+    """Raise `InputFileError` at the first place where the path is not in a roadway with a floor below."""
+    p = motion(np.arange(0.0, motion.duration_s, _CHECK_S)).position
+    p = p[np.concatenate([[True], np.linalg.norm(np.diff(p, axis=0), axis=1) > 1e-6])]
+    down = np.broadcast_to([0.0, 0.0, -1.0], p.shape)
+    blocked = np.append(np.isfinite(mine.raycaster.free_way(p[:-1], p[1:])), False)
+    reasons = (
+        (blocked, "passes through rock"),
+        (mine.raycaster.cast(p, down).distances > height + _BELOW, "has no floor below"),
+        (_surrounded(mine, p) < _CLOSED, "is outside the mine"),
+        (mine.raycaster.clearance(p) < _NEEDED, f"comes nearer than {_NEEDED} m to the rock"),
+    )
+    for bad, what in reasons:
+        if bad.any():
+            x, y, z = p[int(np.argmax(bad))]
+            raise InputFileError(
+                f"{what} near ({x:.1f}, {y:.1f}, {z:.1f})",
+                file=mine.name,
+                field="route",
+                mend="check the route's coordinates, the height above the floor and the smoothing of corners",
+            )
+
+
+def _surrounded(mine: Mine, p: Array) -> Array:
+    """Share (n,) of the horizon that is rock, seen from points (n, 3)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, _HORIZON, endpoint=False)
+    horizon = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_HORIZON)])
+    hits = mine.raycaster.cast(np.repeat(p, _HORIZON, axis=0), np.tile(horizon, (len(p), 1)))
+    return np.asarray(np.isfinite(hits.distances).reshape(-1, _HORIZON).mean(axis=1))
