@@ -31,7 +31,6 @@ def kept_clear(controls: Array, mine: Mine) -> Array:
         away = mine.raycaster.from_rock(line)
         distance = np.linalg.norm(away, axis=1)
         lacking = np.maximum(_WANTED - distance, 0.0)
-        lacking[[0, -1]] = 0.0
         if not lacking.any():
             break
         push = (lacking / np.maximum(distance, 1e-6))[:, None] * away[:, :2]
