@@ -19,7 +19,7 @@ test-slow: setup-dev
 	$(BIN)/python -m pytest -m slow
 
 lint: setup-dev
-	$(BIN)/ruff check .
+	$(BIN)/ruff check --no-cache .
 	$(BIN)/mypy
 	$(BIN)/python -m pytest tests/test_import_direction.py
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from maps.build import build_semantic_map
-
 from maps.prior_map import read_prior_map
 from semmap import database
 from semmap.intersections import SemanticMap
