@@ -138,6 +138,8 @@ FAULTS: dict[str, tuple[Callable[[Bench], list[str]], tuple[str, ...]]] = {
     "report of no database": (lambda b: ["report", str(b.rig), f"--out={b.path / 'r.html'}"], ("rig.yaml",)),
     "report of nothing": (lambda b: ["report", str(b.path / "no"), f"--out={b.path / 'r.html'}"], ("no",)),
     "report of no run": (lambda b: ["report", str(b.path), f"--out={b.path / 'r.html'}"], ("semmap localize",)),
+    "page is a directory": (lambda b: ["report", str(b.map), f"--out={b.path}"], ("directory", "--out")),
+    "database to write is a directory": (lambda b: ["build", str(b.truth), f"--out={b.path}"], ("directory", "--out")),
     "evaluate no run": (_empty_run, ("empty", "semmap localize")),
     "truth of another time": (_run_later_than_the_truth, ("overlap",)),
     "map without points": (_build("a.pcd", _pcd("", 0)), ("a.pcd",)),

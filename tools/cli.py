@@ -229,9 +229,6 @@ def run(args: Sequence[str]) -> int:
         return _complain(error.format_message().rstrip("."), USER_ERROR)
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output went away, as in `semmap info DB.h5 | head`
-        sys.stdout = None  # nothing left to flush at exit
-        return 0
     except Exception as error:
         if _common.verbose:
             raise

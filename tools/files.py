@@ -18,6 +18,13 @@ def writable_directory(out: Path) -> None:
         raise InputFileError("cannot be written", file=there, mend="choose another --out")
 
 
+def writable_file(out: Path) -> None:
+    """Make sure that ``out`` can become a file, before hours of work; raises `InputFileError`."""
+    if out.is_dir():
+        raise InputFileError("is a directory, not a file", file=out, mend="choose another --out")
+    writable_directory(out.parent)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write ``text`` to ``path`` whole or not at all."""
     with written_whole(path) as temporary:

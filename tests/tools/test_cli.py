@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 import yaml
@@ -118,3 +121,15 @@ def test_main_exits_with_the_status() -> None:
     with pytest.raises(SystemExit) as stopped:
         cli.main(["--nonsense"])
     assert stopped.value.code == 2
+
+
+def test_ctrl_c_ends_quietly_with_130(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tools.cli", "simulate", "demo", "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while not list(tmp_path.glob(".out.*")) and process.poll() is None:  # the work has begun
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out + err == ""
+    assert list(tmp_path.iterdir()) == []
