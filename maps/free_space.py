@@ -102,23 +102,20 @@ def free_space_of_views(views: Sequence[View], settings: FreeSpaceSettings) -> F
 
     Raises `CloudError` where they show no floor.
     """
-    near = [_near(view, settings.view_range) for view in views]
-    points = np.concatenate([view.points for view in near])
-    ground = ground_of(np.concatenate([view.points[_may_be_floor(view)] for view in near]), settings, around=points)
+    points = np.concatenate([view.points for view in views])
+    owner = np.repeat(np.arange(len(views)), [len(view.points) for view in views])
+    delta = points - np.array([view.p_sensor for view in views])[owner]
+    away = np.hypot(delta[:, 0], delta[:, 1])
+    near = away < settings.view_range
+    ground = ground_of(points[near & _may_be_floor(delta, away)], settings, around=points[near])
     grid = _fine_grid(ground.grid, settings)
-    height = points[:, 2] - ground.at(points[:, :2])
-    wall = grid.count(points[_in_band(height, settings), :2]) > 0
+    height = points[near, 2] - ground.at(points[near, :2])
+    wall = grid.count(points[near][_in_band(height, settings), :2]) > 0
     free = np.zeros(grid.shape, dtype=bool)
-    for view in views:
+    for view, reach in zip(views, _reach(delta, away, owner, len(views)), strict=True):
         x, y = (view.p_sensor[:2] - (grid.x0, grid.y0)) / grid.cell
-        mark_seen(free, wall, x, y, np.minimum(_reach(view), settings.view_range) / grid.cell)
+        mark_seen(free, wall, x, y, np.minimum(reach, settings.view_range) / grid.cell)
     return _free_space(free & ~wall, wall, grid, ground, settings)
-
-
-def _near(view: View, limit: float) -> View:
-    """The view without its points beyond ``limit`` [m]."""
-    away2 = np.sum((view.points[:, :2] - view.p_sensor[:2]) ** 2, axis=1)
-    return View(view.points[away2 < limit**2], view.p_sensor)
 
 
 def _fine_grid(ground: Grid, settings: FreeSpaceSettings) -> Grid:
@@ -131,21 +128,18 @@ def _in_band(height: Array, settings: FreeSpaceSettings) -> NDArray[np.bool_]:
     return np.asarray((height > settings.wall_from) & (height < settings.wall_to))
 
 
-def _may_be_floor(view: View) -> NDArray[np.bool_]:
-    """Points below the sensor by more than any roadway climbs towards them: (n,) bool."""
-    below = view.p_sensor[2] - view.points[:, 2]
-    away = np.linalg.norm(view.points[:, :2] - view.p_sensor[:2], axis=1)
-    return np.asarray(below > 0.3 - 0.3 * away)
+def _may_be_floor(delta: Array, away: Array) -> NDArray[np.bool_]:
+    """Points below their sensor by more than any roadway climbs on the way to them: (n,) bool."""
+    return np.asarray(-delta[:, 2] > 0.3 - 0.3 * away)
 
 
-def _reach(view: View) -> Array:
-    """Longest horizontal distance (rays,) [m] seen in each direction; 0 where nothing came back."""
-    delta = view.points[:, :2] - view.p_sensor[:2]
-    angle = np.arctan2(delta[:, 1], delta[:, 0])
-    bins = np.floor(angle / (2.0 * np.pi) * _BINS).astype(np.int64) % _BINS
-    longest = np.zeros(_BINS)
-    np.maximum.at(longest, bins, np.hypot(delta[:, 0], delta[:, 1]))
-    return np.repeat(longest, _RAYS // _BINS)
+def _reach(delta: Array, away: Array, owner: NDArray[np.int64], views: int) -> Array:
+    """Longest horizontal distance (views, rays) [m] seen in each direction; 0 where nothing came back."""
+    turn = np.arctan2(delta[:, 1], delta[:, 0]) / (2.0 * np.pi)
+    bins = np.floor(turn * _BINS).astype(np.int64) % _BINS
+    longest = np.zeros(views * _BINS)
+    np.maximum.at(longest, owner * _BINS + bins, away)
+    return np.repeat(longest.reshape(views, _BINS), _RAYS // _BINS, axis=1)
 
 
 def _free_space(

@@ -15,6 +15,7 @@ from semmap.geometry import Array
 
 _ENVELOPE_RADIUS_M = 3.0
 _FLOOR_THICKNESS_M = 0.25
+_FILL_CELLS = ((1.0, 0.05), (4.0, 0.02))  # width of the mean, and the share of cells it must know
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +79,12 @@ def _stands_upright(points: Points, grid: Grid, low: Array) -> NDArray[np.bool_]
 
 
 def _filled(low: Array, seen: NDArray[np.bool_]) -> Array:
-    """Heights smoothed where seen and carried on from the nearest floor where not."""
-    weight = seen.astype(np.float64)
-    value = np.where(seen, low, 0.0)
-    blurred, mass = ndimage.gaussian_filter(value, 1.0), ndimage.gaussian_filter(weight, 1.0)
-    near = mass > 0.05
-    height = np.where(near, blurred / np.maximum(mass, 1e-9), 0.0)
-    nearest = ndimage.distance_transform_edt(~near, return_distances=False, return_indices=True)
+    """Heights smoothed where seen, and carried on where not: by ever wider means, at last from the nearest floor."""
+    weight, value = seen.astype(np.float64), np.where(seen, low, 0.0)
+    height, known = np.zeros_like(value), np.zeros_like(seen)
+    for sigma, least in _FILL_CELLS:
+        mass = ndimage.gaussian_filter(weight, sigma, truncate=3.0)
+        mean = ndimage.gaussian_filter(value, sigma, truncate=3.0) / np.maximum(mass, 1e-9)
+        height, known = np.where(known, height, mean), known | (mass > least)
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     return np.asarray(height[tuple(nearest)])

@@ -14,6 +14,9 @@ from maps.settings import TopologySettings
 from maps.topology import Topology
 from semmap.geometry import Array
 
+_CLOSE_CALL = 1.5
+"""Neighbours this many times nearer or farther than the limit might be called the other way by another view."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crossing:
@@ -33,9 +36,24 @@ class Crossing:
 
 def find_intersections(topology: Topology, space: FreeSpace, settings: TopologySettings) -> list[Crossing]:
     """Every place where three roadways or more meet; halls and yards are left out."""
+    return _crossings(topology, space, settings, (1.0,))
+
+
+def find_alternatives(topology: Topology, space: FreeSpace, settings: TopologySettings) -> list[Crossing]:
+    """The same, and wherever it is a close call whether neighbours are one intersection or two, both readings.
+
+    A view that shows a little less than the map may call it the other way.
+    """
+    return _crossings(topology, space, settings, (1.0, 1.0 / _CLOSE_CALL, _CLOSE_CALL))
+
+
+def _crossings(
+    topology: Topology, space: FreeSpace, settings: TopologySettings, factors: tuple[float, ...]
+) -> list[Crossing]:
     leaving = topology.leaving()
     hubs = _hubs(topology, leaving, space, settings)
-    groups = _merged(topology, hubs, space, settings.merge)
+    readings = [_merged(topology, hubs, space, settings.merge * factor) for factor in factors]
+    groups = dict.fromkeys(group for reading in readings for group in reading)
     crossings = [_crossing(group, leaving, hubs, space, settings) for group in groups]
     return [crossing for crossing in crossings if crossing is not None]
 
@@ -50,7 +68,7 @@ def _hubs(
 
 
 def _merged(topology: Topology, hubs: dict[int, Array], space: FreeSpace, ratio: float) -> list[frozenset[int]]:
-    """Hubs joined by a roadway, grouped where it is too short to be one."""
+    """Hubs grouped where the roadway that joins them is too short to be one."""
     group = {node: node for node in hubs}
     for road in topology.roadways:
         a, b = road.nodes

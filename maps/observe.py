@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from maps.describe import contour_at
-from maps.free_space import View, free_space_of_views
-from maps.intersections import find_intersections
+from maps.free_space import FreeSpace, View, free_space_of_views
+from maps.grid import Points
+from maps.intersections import Crossing, find_alternatives
 from maps.settings import MapSettings
 from maps.topology import roadway_topology
 from semmap.errors import CloudError
@@ -27,6 +28,9 @@ class ObservedIntersection:
     branch_widths : (b,) [m].
     contour : PWCV and CWC as seen from ``p``.
     quality : share of the directions from ``p`` in which the view tells wall from open roadway, 0 to 1.
+    parts : the nodes of the view's own topology it is made of. Where it is a close call whether neighbouring nodes are
+        one intersection or two there is a reading of each kind; readings that share a part exclude one another, and the
+        one that matches the map best counts.
     """
 
     p: Array
@@ -35,12 +39,13 @@ class ObservedIntersection:
     branch_widths: Array
     contour: WallContour
     quality: float
+    parts: frozenset[int]
 
 
 def observe_intersections(
     views: Sequence[View], settings: MapSettings | None = None
 ) -> list[ObservedIntersection]:
-    """Intersections that a few stacked keyframes show, the best seen first.
+    """Intersections near a few stacked keyframes, the best seen first.
 
     views : deskewed keyframe clouds in one gravity-aligned frame (z up, any yaw, any origin near them).
     Views that show no floor, or no intersection, give an empty list.
@@ -50,15 +55,28 @@ def observe_intersections(
         space = free_space_of_views(views, settings.free_space)
     except CloudError:
         return []
-    crossings = find_intersections(roadway_topology(space, settings.topology), space, settings.topology)
+    crossings = find_alternatives(roadway_topology(space, settings.topology), space, settings.topology)
     points = np.concatenate([view.points for view in views])
-    reach = settings.contour.radius + settings.contour.wall_depth
-    seen = []
-    for crossing in crossings:
-        near = points[np.abs(points[:, :2] - crossing.p[:2]).max(axis=1) < reach]
-        contour = contour_at(crossing.p, near, space, settings.contour)
-        bearings = np.array([branch.bearing for branch in crossing.branches])
-        widths = np.array([branch.width for branch in crossing.branches])
-        quality = float(contour.pwcv_observed.mean())
-        seen.append(ObservedIntersection(crossing.p, crossing.kind, bearings, widths, contour, quality))
+    sensors = np.array([view.p_sensor[:2] for view in views])
+    near = [one for one in crossings if _distance(one.p, sensors).min() < settings.observe_range]
+    seen = [_observed(one, points, space, settings) for one in near]
     return sorted(seen, key=lambda one: -one.quality)
+
+
+def _distance(p: Array, xy: Points) -> Array:
+    """Horizontal distances (n,) [m] of points (n, 2 or 3) from ``p`` (3,)."""
+    return np.asarray(np.hypot(xy[:, 0] - p[0], xy[:, 1] - p[1]), dtype=np.float64)
+
+
+def _observed(crossing: Crossing, points: Points, space: FreeSpace, settings: MapSettings) -> ObservedIntersection:
+    reach = settings.contour.radius + settings.contour.wall_depth
+    contour = contour_at(crossing.p, points[_distance(crossing.p, points) < reach], space, settings.contour)
+    return ObservedIntersection(
+        p=crossing.p,
+        kind=crossing.kind,
+        branch_bearings=np.array([branch.bearing for branch in crossing.branches]),
+        branch_widths=np.array([branch.width for branch in crossing.branches]),
+        contour=contour,
+        quality=float(contour.pwcv_observed.mean()),
+        parts=crossing.nodes,
+    )

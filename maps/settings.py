@@ -52,10 +52,15 @@ class TopologySettings(Settings):
 
 
 class MapSettings(Settings):
-    """Everything `maps.build` and `maps.observe` need; stored in the semantic map."""
+    """Everything `maps.build` and `maps.observe` need; stored in the semantic map.
+
+    cloud_radius, cloud_voxel : the dense cloud kept of each intersection [m].
+    observe_range : live, intersections farther than this from every keyframe are not yet seen well enough [m].
+    """
 
     free_space: FreeSpaceSettings = FreeSpaceSettings()
     topology: TopologySettings = TopologySettings()
     contour: ContourSettings = ContourSettings()
     cloud_radius: PositiveFloat = 15.0
     cloud_voxel: PositiveFloat = 0.15
+    observe_range: PositiveFloat = 10.0

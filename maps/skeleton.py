@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from skimage.morphology import medial_axis
+
+from maps._numba_thinning import thin
+from semmap.geometry import Array
 
 _EIGHT = np.ones((3, 3), dtype=np.int8)
+_SCATTER = 2654435761  # Knuth's multiplicative hash
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +29,12 @@ class PixelGraph:
     paths: tuple[NDArray[np.int64], ...]
 
 
-def skeleton_graph(free: NDArray[np.bool_]) -> PixelGraph:
-    """Skeleton of the free cells as a graph. A loop without any node gets one at its first cell."""
-    skeleton = np.pad(medial_axis(free, rng=0), 1)
+def skeleton_graph(clearance: Array) -> PixelGraph:
+    """Medial axis of the cells with some clearance as a graph. A loop without any node gets one at its first cell.
+
+    clearance : (nx, ny) distance of each free cell to the nearest one that is not, 0 in those.
+    """
+    skeleton = medial_axis(np.pad(clearance, 1))
     neighbours = ndimage.convolve(skeleton.astype(np.int8), _EIGHT, mode="constant") - 1
     is_node = skeleton & (neighbours != 2)
     is_node[_first_cells(skeleton & ~_reached(skeleton, is_node))] = True
@@ -37,6 +43,20 @@ def skeleton_graph(free: NDArray[np.bool_]) -> PixelGraph:
     edges, paths = _traced(skeleton, labels)
     paths = [np.vstack([nodes[a], path, nodes[b]]) - 1 for (a, b), path in zip(edges, paths, strict=True)]
     return PixelGraph(nodes - 1, tuple(edges), tuple(paths))
+
+
+def medial_axis(clearance: Array) -> NDArray[np.bool_]:
+    """Cells that are left when the others are taken from the walls inwards, without cutting a line or an end.
+
+    Of cells equally far from the walls those amid most free ones go first, and of these in a scattered order, so that
+    the lines stay in the middle whatever way the raster is turned. ``clearance`` is 0 along its border.
+    """
+    mask = clearance > 0.0
+    cells = np.flatnonzero(mask)
+    neighbours = ndimage.convolve(mask.astype(np.int8), _EIGHT, mode="constant").ravel()[cells]
+    scatter = (cells.astype(np.uint64) * np.uint64(_SCATTER)) & np.uint64(0xFFFFFFFF)
+    thin(mask, cells[np.lexsort((scatter, -neighbours, clearance.ravel()[cells]))])
+    return mask
 
 
 def _reached(skeleton: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:

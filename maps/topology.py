@@ -39,7 +39,7 @@ class Topology:
 
 def roadway_topology(space: FreeSpace, settings: TopologySettings) -> Topology:
     """Graph of the roadways: niches shorter than a branch pruned, bends that meet nothing dissolved."""
-    graph = skeleton_graph(space.free)
+    graph = skeleton_graph(space.clearance)
     open_ends = _open_ends(graph, space)
     roads = [
         Roadway(ends, space.grid.centres(path), space.clearance[tuple(path.T)])
