@@ -15,9 +15,7 @@ START_S, SECONDS = 20.0, 10.0
 
 def main() -> None:
     """Print one line a mine."""
-    print(
-        f"{'mine':8} {'triangles':>10} {'dig [s]':>8} {'fly [s]':>8} {f'{SECONDS:.0f} s of sensors [s]':>22}"
-    )
+    print(f"{'mine':8} {'triangles':>10} {'dig [s]':>8} {'fly [s]':>8} {f'{SECONDS:.0f} s of sensors [s]':>22}")
     for name in SCENARIOS:
         begin = time.perf_counter()
         mine = scenario(name)

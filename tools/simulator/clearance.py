@@ -12,7 +12,7 @@ from tools.simulator.motion import Motion
 
 _WANTED, _NEEDED = 0.5, 0.25
 """[m] from the rock: what the path is moved to get, and what it must have."""
-_ROUNDS = 40
+_ROUNDS, _STEP = 60, 0.1
 _SPREAD = 2.0
 """How many control points, 1σ, give way together."""
 _HORIZON, _CLOSED = 24, 0.6
@@ -27,15 +27,17 @@ def kept_clear(controls: Array, mine: Mine) -> Array:
     Smoothing cuts corners and turning back swings out, and a narrow roadway may have no room for either.
     """
     line = controls.copy()
-    for _ in range(_ROUNDS):
+    for gain in np.linspace(1.0, 0.1, _ROUNDS):
         away = mine.raycaster.from_rock(line)
         distance = np.linalg.norm(away, axis=1)
         lacking = np.maximum(_WANTED - distance, 0.0)
         if not lacking.any():
             break
         push = (lacking / np.maximum(distance, 1e-6))[:, None] * away[:, :2]
-        # the smoothed push is weaker than the lack: give it back its strength
-        line[:, :2] += 2.0 * gaussian_filter1d(push, _SPREAD, axis=0, mode="constant")
+        move = gain * gaussian_filter1d(push, _SPREAD, axis=0, mode="nearest")
+        # short steps, so that none goes through the opposite wall, which is no nearer than this one
+        longest = np.maximum(0.5 * distance, _STEP)
+        line[:, :2] += move * np.minimum(1.0, longest / np.maximum(np.linalg.norm(move, axis=1), 1e-9))[:, None]
     return line
 
 
