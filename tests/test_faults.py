@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from conftest import RIG, write_recording
+from small_files import RIG, write_recording
 
 from semmap import database
 from semmap.geometry import se3

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from conftest import write_recording
+from small_files import write_recording
 
 from semmap import database
 from semmap.intersections import SemanticMap
