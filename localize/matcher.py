@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from descriptors.index import ContourIndex
-from maps.free_space import View
-from maps.observe import ObservedIntersection, observe_intersections
 
+from descriptors.index import ContourIndex
 from localize.keyframes import Keyframe, Stack
 from localize.results import Event
 from localize.settings import LocalizeSettings
 from localize.verification import Verification, Verifier
+from maps.free_space import View
+from maps.observe import ObservedIntersection, observe_intersections
 from maps.settings import MapSettings
 from semmap.geometry import Array, adjoint, inverse, rotation_angle, se3, transform, yaw_of
 from semmap.intersections import Intersection, SemanticMap
