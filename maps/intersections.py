@@ -35,7 +35,7 @@ class Crossing:
 
 
 def find_intersections(topology: Topology, space: FreeSpace, settings: TopologySettings) -> list[Crossing]:
-    """Every place where three roadways or more meet; halls and yards are left out."""
+    """Every place where three roadways or more meet, and every sharp corner; halls and yards are left out."""
     return _crossings(topology, space, settings, (1.0,))
 
 
@@ -61,8 +61,8 @@ def _crossings(
 def _hubs(
     topology: Topology, leaving: dict[int, list[Roadway]], space: FreeSpace, settings: TopologySettings
 ) -> dict[int, Array]:
-    """Nodes where three roadways or more meet, each with its invariant point (2,)."""
-    meeting = [node for node in topology.nodes if len(leaving[node]) >= 3]
+    """Nodes where three roadways or more meet, and corners, each with its invariant point (2,)."""
+    meeting = [node for node in topology.nodes if len(leaving[node]) >= 3 or node in topology.corners]
     hubs = {node: invariant_point(topology.nodes[node], space.clearance, space.grid) for node in meeting}
     return {node: p for node, p in hubs.items() if space.clearance_at(p) <= settings.max_half_width}
 
@@ -91,7 +91,7 @@ def _crossing(
     settings: TopologySettings,
 ) -> Crossing | None:
     roads = [road for node in sorted(group) for road in leaving[node] if not _inside(road, group)]
-    if len(roads) < 3:
+    if len(roads) < 2:
         return None
     p = np.mean([hubs[node] for node in sorted(group)], axis=0)
     branches = sorted((branch_of(road, p, space, settings.axis_length) for road in roads), key=lambda b: b.bearing)

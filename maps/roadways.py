@@ -39,6 +39,14 @@ class Roadway:
             np.concatenate([self.clearance, after.clearance[1:]]),
         )
 
+    def split(self, p: Array, node: int) -> tuple[Roadway, Roadway]:
+        """The two parts of this roadway, cut at the new ``node`` where its axis is nearest to ``p`` (2,)."""
+        k = int(np.argmin(np.linalg.norm(self.axis - p, axis=1)))
+        return (
+            Roadway((self.nodes[0], node), self.axis[: k + 1], self.clearance[: k + 1]),
+            Roadway((node, self.nodes[1]), self.axis[k:], self.clearance[k:]),
+        )
+
     def resampled(self, step: float) -> tuple[Array, Array]:
         """Path lengths (k,) and points (k, 2) along the axis, ``step`` [m] apart, both ends included."""
         walked = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.axis, axis=0), axis=1))])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from maps.corners import corner_of
 from maps.free_space import FreeSpace
 from maps.pruning import pruned
 from maps.roadways import Roadway
@@ -22,11 +23,13 @@ class Topology:
     nodes : node number -> (2,) position [m].
     roadways : the edges.
     open_ends : loose ends where it was not seen how the roadway goes on.
+    corners : nodes that are no meeting of roadways but a sharp corner of one.
     """
 
     nodes: dict[int, Array]
     roadways: tuple[Roadway, ...]
     open_ends: frozenset[int]
+    corners: frozenset[int]
 
     def leaving(self) -> dict[int, list[Roadway]]:
         """For each node the roadways that leave it, each with the node first; a loop leaves twice."""
@@ -38,7 +41,7 @@ class Topology:
 
 
 def roadway_topology(space: FreeSpace, settings: TopologySettings) -> Topology:
-    """Graph of the roadways: niches shorter than a branch pruned, bends that meet nothing dissolved."""
+    """Graph of the roadways: niches shorter than a branch pruned, bends that meet nothing dissolved unless sharp."""
     graph = skeleton_graph(space.clearance)
     open_ends = _open_ends(graph, space)
     roads = [
@@ -48,7 +51,25 @@ def roadway_topology(space: FreeSpace, settings: TopologySettings) -> Topology:
     kept = pruned(roads, open_ends, settings)
     position = space.grid.centres(graph.nodes)
     nodes = {node: position[node] for node in sorted({node for road in kept for node in road.nodes})}
-    return Topology(nodes, kept, open_ends & nodes.keys())
+    return _with_corners(nodes, kept, open_ends & nodes.keys(), settings)
+
+
+def _with_corners(
+    nodes: dict[int, Array], roads: tuple[Roadway, ...], open_ends: frozenset[int], settings: TopologySettings
+) -> Topology:
+    """The topology with a node at every sharp corner."""
+    corners: dict[int, Array] = {}
+    todo, done = list(roads), []
+    while todo:
+        road = todo.pop()
+        p = corner_of(road, settings)
+        if p is None:
+            done.append(road)
+            continue
+        number = max(nodes, default=-1) + len(corners) + 1
+        corners[number] = p
+        todo.extend(road.split(p, number))
+    return Topology(nodes | corners, tuple(done), open_ends, frozenset(corners))
 
 
 def _open_ends(graph: PixelGraph, space: FreeSpace) -> frozenset[int]:

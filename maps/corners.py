@@ -1,0 +1,52 @@
+"""Sharp corners of single roadways: the intersections of kind L."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from maps.roadways import Roadway
+from maps.settings import TopologySettings
+from semmap.geometry import Array
+
+_STEP_M = 0.5
+
+
+def corner_of(road: Roadway, settings: TopologySettings) -> Array | None:
+    """Where the two straight legs of the sharpest corner of a roadway meet, (2,); None where it has no corner.
+
+    A corner turns by the angle of the settings or more between two legs, each at least as long as a branch axis and
+    one and a half times as long as the roadway is wide, that lie on either side of the bend and off the ends.
+    """
+    half_width = float(np.median(road.clearance))
+    bend, leg = 1.5 * half_width, max(settings.axis_length, 3.0 * half_width)
+    _, line = road.resampled(_STEP_M)
+    near, far = round(bend / _STEP_M), round((bend + leg) / _STEP_M)
+    start = far + round(1.5 * road.clearance[0] / _STEP_M)
+    end = len(line) - far - round(1.5 * road.clearance[-1] / _STEP_M)
+    if start >= end or half_width > settings.max_half_width:
+        return None
+    at = np.arange(start, end)
+    turns = _angle(line[at - near] - line[at - far], line[at + far] - line[at + near])
+    sharpest = int(np.argmax(turns))
+    if turns[sharpest] < np.radians(settings.corner_deg):
+        return None
+    middle = int(at[sharpest])
+    before, after = line[middle - far : middle - near + 1], line[middle + near : middle + far + 1]
+    meeting = _meeting(before, after)
+    return meeting if np.linalg.norm(meeting - line[middle]) < 2.0 * bend else line[middle]
+
+
+def _angle(a: Array, b: Array) -> Array:
+    """Angles (n,) [rad], 0 to π, between vectors (n, 2)."""
+    cross, dot = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("nk,nk->n", a, b)
+    return np.asarray(np.abs(np.arctan2(cross, dot)))
+
+
+def _meeting(before: Array, after: Array) -> Array:
+    """Meeting point (2,) of the lines through two sets of points (n, 2)."""
+    normals, offsets = [], []
+    for leg in (before, after):
+        centre = leg.mean(axis=0)
+        normals.append(np.linalg.svd(leg - centre, full_matrices=False)[2][1])
+        offsets.append(normals[-1] @ centre)
+    return np.asarray(np.linalg.solve(np.array(normals), np.array(offsets)))
