@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from descriptors.settings import ContourSettings
 from descriptors.similarity import (
@@ -16,11 +17,16 @@ from descriptors.similarity import (
     completeness,
     scores_by_yaw,
     spectrum,
+    yaw_at,
 )
 from semmap.geometry import Array
 from semmap.intersections import WallContour
 
 _YAW_SLACK_SECTORS = 2
+YAW_SLACK = 0.35
+"""How far the yaw of a match may be from a known heading [rad]."""
+_APART = 0.5
+"""Yaws closer than this are one [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +86,39 @@ class ContourIndex:
         order = np.argsort(-scores.max(axis=-1), kind="stable")[:k]
         query_cwc = spectrum(query, self._settings, "cwc")
         return [self._match(int(rows[i]), best_yaw(scores[i], overlaps[i]), query, query_cwc) for i in order]
+
+    def turned(
+        self,
+        query: WallContour,
+        min_score: float,
+        *,
+        at_most: int,
+        allowed: NDArray[np.bool_] | None = None,
+        yaw: float | None = None,
+    ) -> list[Match]:
+        """Contours and the yaws at which the query is like them, best first: a symmetric crossing comes several times.
+
+        min_score : least PWCV similarity; at_most : matches returned.
+        allowed : (n,) bool, the rows to look at; all by default.
+        yaw : only yaws within `YAW_SLACK` of this [rad], where the heading is known.
+        """
+        rows = np.arange(len(self)) if allowed is None else np.flatnonzero(allowed)
+        if not len(rows):
+            return []
+        some = Spectrum(self._pwcv.harmonics[rows], self._pwcv.observed[rows])
+        scores, overlaps = scores_by_yaw(spectrum(query, self._settings), some)
+        sectors = scores.shape[-1]
+        if yaw is not None:
+            off = 2.0 * np.pi * np.arange(sectors) / sectors - yaw
+            scores = np.where(np.abs(np.angle(np.exp(1j * off))) < YAW_SLACK, scores, 0.0)
+        window = 2 * round(_APART * sectors / (2.0 * np.pi)) + 1
+        peak = (scores == maximum_filter1d(scores, window, axis=-1, mode="wrap")) & (scores >= min_score)
+        found = np.argwhere(peak)
+        order = np.argsort(-scores[peak], kind="stable")[:at_most]
+        query_cwc = spectrum(query, self._settings, "cwc")
+        return [
+            self._match(int(rows[i]), yaw_at(scores[i], overlaps[i], int(s)), query, query_cwc) for i, s in found[order]
+        ]
 
     def _match(self, row: int, pwcv: Similarity, query: WallContour, query_cwc: Spectrum) -> Match:
         contour = self._contours[row]

@@ -102,8 +102,12 @@ def scores_by_yaw(a: Spectrum, b: Spectrum) -> tuple[Array, Array]:
 
 def best_yaw(scores: Array, overlaps: Array) -> Similarity:
     """The best of the scores (sectors,), its yaw interpolated between sectors."""
+    return yaw_at(scores, overlaps, int(np.argmax(scores)))
+
+
+def yaw_at(scores: Array, overlaps: Array, best: int) -> Similarity:
+    """The peak ``best`` of the scores (sectors,), its yaw interpolated between sectors."""
     sectors = len(scores)
-    best = int(np.argmax(scores))
     before, top, after = scores[best - 1], scores[best], scores[(best + 1) % sectors]
     bend = before - 2.0 * top + after
     between = 0.5 * (before - after) / bend if bend < 0.0 else 0.0

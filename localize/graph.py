@@ -66,6 +66,7 @@ class PoseGraph:
         """Give the keyframes so far their first place in the map; pins must follow before `solve`."""
         parameters = gtsam.ISAM2Params()
         parameters.relinearizeSkip = 1
+        parameters.setRelinearizeThreshold(0.01)
         self._isam = gtsam.ISAM2(parameters)
         self._new, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._anchors.clear()

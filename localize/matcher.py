@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
-from descriptors.index import ContourIndex
+from descriptors.index import ContourIndex, Match
 from localize.keyframes import Keyframe, Stack
 from localize.results import Event
 from localize.settings import LocalizeSettings
@@ -15,26 +16,14 @@ from maps.free_space import View
 from maps.observe import ObservedIntersection, observe_intersections
 from maps.settings import MapSettings
 from semmap.geometry import Array, adjoint, inverse, rotation_angle, se3, transform, yaw_of
-from semmap.intersections import Intersection, SemanticMap
+from semmap.intersections import SemanticMap
 
 _SAME_PLACE_M = 4.0
 """Observations closer than this in odom are of one intersection."""
-_SAME_YAW_RAD = 0.35
 _APART_M = 2.0
 """Keyframes at least this far apart count as independent views."""
 _MAX_TURN_RAD = 0.15
 """Places found from different keyframes must agree on the heading this well."""
-
-
-@dataclass(frozen=True, slots=True)
-class Hypothesis:
-    """An observation might be this intersection, turned by ``yaw`` [rad]."""
-
-    intersection: Intersection
-    yaw: float
-    pwcv: float
-    cwc: float
-    completeness: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +45,21 @@ class Recognition:
     pins: tuple[Pin, ...]
     contradicts: bool
     events: tuple[Event, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """One observed intersection of one keyframe's stack."""
+
+    observation: ObservedIntersection
+    stack: Stack
+    keyframe: Keyframe
+
+    @property
+    def p_odom(self) -> Array:
+        """Where it is in odom (3,)."""
+        p_odom: Array = transform(self.stack.T_odom_local, self.observation.p[None])[0]
+        return p_odom
 
 
 @dataclass(slots=True)
@@ -84,7 +88,7 @@ class IntersectionMatcher:
         self._index = ContourIndex([i.contour for i in self._intersections], self._map_settings.contour)
         self._verifier = Verifier(settings.verification)
         self._sights: list[_Sight] = []
-        self._unconfirmed: list[tuple[Array, Pin]] = []
+        self._unconfirmed: deque[tuple[Array, Pin]] = deque(maxlen=20)
         self._contradictions: list[Pin] = []
 
     def recognise(
@@ -98,8 +102,9 @@ class IntersectionMatcher:
         contradicts = False
         for observation in observed:
             event: Event = {"stamp_ns": keyframe.stamp_ns, "kind": "intersection", "keyframe": keyframe.index}
-            hypotheses = self._candidates(observation, stack, T_map_odom, position_std)  # steps 3 to 6
-            pin, reason = self._decide(observation, stack, keyframe, hypotheses, event)  # steps 7 to 9
+            look = _Look(observation, stack, keyframe)
+            matches = self._candidates(look, T_map_odom, position_std)  # steps 3 to 6
+            pin, reason = self._decide(look, matches, event)  # steps 7 to 9
             if pin is not None:
                 accepted, contradiction, reason = self._accept(pin, keyframe, T_map_odom, position_std)
                 contradicts |= contradiction
@@ -109,56 +114,40 @@ class IntersectionMatcher:
             events.append({**event, "reason": reason})
         return Recognition(len(observed), tuple(pins), contradicts, tuple(events))
 
-    def _candidates(
-        self, observation: ObservedIntersection, stack: Stack, T_map_odom: Array | None, position_std: float
-    ) -> list[Hypothesis]:
+    def _candidates(self, look: _Look, T_map_odom: Array | None, position_std: float) -> list[Match]:
         """Intersections that look alike, best CWC first (steps 3 to 6); near the expected place where that is known."""
         m = self.settings.matcher
         allowed = np.ones(len(self._intersections), bool)
         heading = None
         if T_map_odom is not None:
-            T_map_local = T_map_odom @ stack.T_odom_local
-            expected = transform(T_map_local, observation.p[None])[0]
+            T_map_local = T_map_odom @ look.stack.T_odom_local
+            expected = transform(T_map_local, look.observation.p[None])[0]
             allowed = np.linalg.norm(self._p_map - expected, axis=1) < m.search_radius + 3.0 * position_std
             heading = yaw_of(T_map_local[:3, :3])
-        hypotheses = []
-        for match in self._index.best(observation.contour, m.candidates, allowed):
-            off = 0.0 if heading is None else abs(np.angle(np.exp(1j * (match.yaw - heading))))
-            if match.pwcv >= m.min_pwcv and off < _SAME_YAW_RAD:
-                hypotheses.append(
-                    Hypothesis(
-                        self._intersections[match.row], match.yaw, match.pwcv, match.cwc, match.completeness
-                    )
-                )
-        return sorted(hypotheses, key=lambda h: h.cwc, reverse=True)
+        contour = look.observation.contour
+        matches = self._index.turned(contour, m.min_pwcv, at_most=m.candidates, allowed=allowed, yaw=heading)
+        return sorted(matches, key=lambda match: match.cwc, reverse=True)
 
-    def _decide(
-        self,
-        observation: ObservedIntersection,
-        stack: Stack,
-        keyframe: Keyframe,
-        hypotheses: list[Hypothesis],
-        event: Event,
-    ) -> tuple[Pin | None, str]:
+    def _decide(self, look: _Look, matches: list[Match], event: Event) -> tuple[Pin | None, str]:
         """Count agreement in a row (steps 7, 8) and check the match by ICP against the runner-up (step 9)."""
-        event["p_odom"] = transform(stack.T_odom_local, observation.p[None])[0].round(3).tolist()
+        event["p_odom"] = look.p_odom.round(3).tolist()
         event["candidates"] = [
-            {"id": h.intersection.id, "pwcv": round(h.pwcv, 4), "cwc": round(h.cwc, 4)} for h in hypotheses
+            {"id": self._id(match), "pwcv": round(match.pwcv, 4), "cwc": round(match.cwc, 4)} for match in matches
         ]
-        if not hypotheses:
+        if not matches:
             return None, "no intersection of the map is similar enough"
-        best = hypotheses[0]
-        event["id"] = best.intersection.id
+        best = matches[0]
+        event["id"] = self._id(best)
         if best.cwc < self.settings.matcher.min_cwc:
             return None, "CWC similarity too small"
-        sight = self._sight(np.array(event["p_odom"]))
-        sight.same = sight.same + 1 if sight.matched == best.intersection.id else 1
-        sight.matched = best.intersection.id
+        sight = self._sight(look.p_odom)
+        sight.same = sight.same + 1 if sight.matched == self._id(best) else 1
+        sight.matched = self._id(best)
         event["consecutive"] = sight.same
         if sight.same < self.settings.matcher.consecutive:
             return None, "not yet seen often enough in a row"
         sight.same = 0
-        return self._verify(observation, stack, keyframe, hypotheses, event)
+        return self._verify(look, matches, event)
 
     def _sight(self, p_odom: Array) -> _Sight:
         for sight in self._sights:
@@ -168,25 +157,20 @@ class IntersectionMatcher:
         self._sights = [*self._sights[-20:], _Sight(p_odom)]
         return self._sights[-1]
 
-    def _verify(
-        self,
-        observation: ObservedIntersection,
-        stack: Stack,
-        keyframe: Keyframe,
-        hypotheses: list[Hypothesis],
-        event: Event,
-    ) -> tuple[Pin | None, str]:
+    def _verify(self, look: _Look, matches: list[Match], event: Event) -> tuple[Pin | None, str]:
         v = self.settings.verification
-        points = stack.points
-        checked = [
-            (h, self._verifier.verify(points, observation.p, h.intersection, h.yaw, completeness=h.completeness))
-            for h in hypotheses
-        ]
+        points, p = look.stack.points, look.observation.p
+        checked = []
+        for match in matches:
+            intersection = self._intersections[match.row]
+            checked.append(
+                (match, self._verifier.verify(points, p, intersection, match.yaw, completeness=match.completeness))
+            )
         checked.sort(key=lambda pair: pair[1].fit, reverse=True)
         best, verification = checked[0]
-        rival = max((c.fit for h, c in checked[1:] if _elsewhere(c, verification)), default=0.0)
+        rival = max((c.fit for _, c in checked[1:] if _elsewhere(c, verification)), default=0.0)
         event.update(
-            id=best.intersection.id, fit=round(verification.fit, 4), icp_distance_m=round(verification.icp_distance, 4),
+            id=self._id(best), fit=round(verification.fit, 4), icp_distance_m=round(verification.icp_distance, 4),
             runner_up_fit=round(rival, 4), completeness=round(best.completeness, 3),
         )  # fmt: skip
         if verification.fit < v.min_fit:
@@ -195,9 +179,10 @@ class IntersectionMatcher:
             return None, "ICP distance too large"
         if verification.fit - rival < v.min_lead:
             return None, "another place fits nearly as well"
-        return self._pin(verification, best, stack, keyframe), "fits"
+        return self._pin(look, best, verification), "fits"
 
-    def _pin(self, verification: Verification, best: Hypothesis, stack: Stack, keyframe: Keyframe) -> Pin:
+    def _pin(self, look: _Look, best: Match, verification: Verification) -> Pin:
+        stack, keyframe = look.stack, look.keyframe
         T_map_local = se3(verification.T_map_local[:3, :3], verification.T_map_local[:3, 3] - self._origin)
         T_map_odom = T_map_local @ inverse(stack.T_odom_local)
         T_imu_local = inverse(keyframe.T_odom_imu) @ stack.T_odom_local
@@ -205,7 +190,10 @@ class IntersectionMatcher:
         g = self.settings.graph
         floor = np.diag(np.repeat([g.pin_rotation, g.pin_position], 3) ** 2)
         covariance = carried @ verification.covariance @ carried.T + floor
-        return Pin(keyframe.index, best.intersection.id, T_map_odom @ keyframe.T_odom_imu, T_map_odom, covariance)
+        return Pin(keyframe.index, self._id(best), T_map_odom @ keyframe.T_odom_imu, T_map_odom, covariance)
+
+    def _id(self, match: Match) -> int:
+        return self._intersections[match.row].id
 
     def _accept(
         self, pin: Pin, keyframe: Keyframe, T_map_odom: Array | None, position_std: float

@@ -19,6 +19,7 @@ TAG = slice(24, 30)
 WHEEL = slice(30, 36)
 CLONE = slice(36, 42)
 ERROR_DIM = 42
+_POSES = (slice(0, 6), LIDAR, TAG, WHEEL, CLONE)
 """36 as in paper 000, and 6 of the last keyframe's pose, whose correlation with the present gives the relative
 pose covariance between keyframes."""
 
@@ -69,25 +70,22 @@ class NavState:
 
     def boxminus(self, other: NavState) -> Array:
         """The error (42,) that takes ``other`` to this state: ``other.boxplus(self.boxminus(other)) = self``."""
-        return np.concatenate(
-            [
-                so3_log(other.R.T @ self.R),
-                self.p - other.p,
-                self.v - other.v,
-                self.gyro_bias - other.gyro_bias,
-                self.accel_bias - other.accel_bias,
-                self.g - other.g,
-                _pose_minus(self.T_imu_lidar, other.T_imu_lidar),
-                _pose_minus(self.T_imu_tag, other.T_imu_tag),
-                _pose_minus(self.T_imu_wheel, other.T_imu_wheel),
-                _pose_minus(self.T_odom_clone, other.T_odom_clone),
-            ]
-        )
+        # one call for all poses: this runs in every iteration of every update
+        mine, others = self._poses(), other._poses()
+        turns = so3_log(np.swapaxes(others[:, :3, :3], 1, 2) @ mine[:, :3, :3])
+        delta = np.empty(ERROR_DIM)
+        for columns, turn, moved in zip(_POSES, turns, (mine - others)[:, :3, 3], strict=True):
+            delta[columns] = np.concatenate([turn, moved])
+        delta[VELOCITY] = self.v - other.v
+        delta[GYRO_BIAS] = self.gyro_bias - other.gyro_bias
+        delta[ACCEL_BIAS] = self.accel_bias - other.accel_bias
+        delta[GRAVITY] = self.g - other.g
+        return delta
+
+    def _poses(self) -> Array:
+        """All poses (5, 4, 4), in the order of `_POSES`."""
+        return np.stack([self.T_odom_imu, self.T_imu_lidar, self.T_imu_tag, self.T_imu_wheel, self.T_odom_clone])
 
 
 def _pose_plus(T: Array, delta: Array) -> Array:
     return se3(T[:3, :3] @ so3_exp(delta[:3]), T[:3, 3] + delta[3:])
-
-
-def _pose_minus(T: Array, other: Array) -> Array:
-    return np.concatenate([so3_log(other[:3, :3].T @ T[:3, :3]), T[:3, 3] - other[:3, 3]])

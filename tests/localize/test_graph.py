@@ -52,7 +52,7 @@ def test_one_exact_pin_places_the_whole_track():
     graph.anchor(truth[20])  # a poor first guess
     graph.pin_pose(20, truth[20], PIN)
     graph.solve(steps=4)
-    np.testing.assert_allclose(graph.poses(), truth, atol=1e-6)
+    np.testing.assert_allclose(graph.poses(), truth, atol=1e-5)
 
 
 def test_keyframes_after_the_anchor_continue_the_track():
@@ -65,7 +65,7 @@ def test_keyframes_after_the_anchor_continue_the_track():
     for T in track[10:]:
         graph.add_keyframe(T, np.array([0.0, 0.0, 1.0]), LINK)
     graph.solve()
-    np.testing.assert_allclose(graph.poses(), truth, atol=1e-6)
+    np.testing.assert_allclose(graph.poses(), truth, atol=1e-5)
 
 
 def test_positions_with_lever_arm_place_the_track():
