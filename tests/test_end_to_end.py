@@ -91,3 +91,14 @@ def test_both_reports_are_written(mine: Path, run: Path) -> None:
 def test_info_lists_the_intersections(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:
     semmap("info", mine / "mine.h5")
     assert "intersections" in capsys.readouterr().out
+
+
+def test_without_the_lidar_it_is_not_in_the_map_and_says_so(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = mine / "blind"
+    words = ["localize", mine / "recording", "--rig", mine / "rig.yaml", "--map", mine / "mine.h5", "--out", out]
+    semmap(*words, "--without", "lidar")
+    assert "no place in the map" in capsys.readouterr().out
+    trajectory = (out / "trajectory.tum").read_text()
+    assert trajectory.startswith("# frame: map")
+    assert "never found its place" in trajectory
+    semmap("report", out, "--out", mine / "blind.html")

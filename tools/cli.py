@@ -84,7 +84,7 @@ def _common_options(
     config: Annotated[Path | None, typer.Option(metavar="FILE", help="Settings (YAML).")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random.")] = None,
     dump_config: Annotated[bool, typer.Option("--dump-config", help="Print the settings in use and stop.")] = False,
-    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say more; show tracebacks.")] = False,
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Show log messages and tracebacks.")] = False,
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
 ) -> None:
     _common.config, _common.seed, _common.verbose = config, seed, verbose

@@ -12,7 +12,7 @@ from tools.build import build_database
 from tools.evaluate import evaluate_run
 from tools.progress import progress_bar
 from tools.report import write_report
-from tools.run import localize_recording
+from tools.run import cost_text, localize_recording
 from tools.settings import ToolSettings
 from tools.simulate import simulate_mine
 from tools.tables import text_table
@@ -56,7 +56,7 @@ def comparison(runs: dict[str, dict[str, Any]]) -> Table:
     """One row a run: error, intersections recognised, cost."""
     head = ("", "RMSE [m]", "max [m]", "intersections recognised", "ms per scan")
     rows = [
-        [RUNS[name], *_error_cells(run), str(len(run["intersections_recognised"])), f"{run['ms_per_scan_median']:.0f}"]
+        [RUNS[name], *_error_cells(run), str(len(run["intersections_recognised"])), cost_text(run)]
         for name, run in runs.items()
     ]
     return text_table(

@@ -127,11 +127,17 @@ def outcome(summary: Mapping[str, Any]) -> str:
     """One sentence on how a run went."""
     if not summary["scans"]:
         return "no scan was completed"
-    cost = f"{summary['scans']} scans, {summary['ms_per_scan_median']:.0f} ms each"
+    cost = f"{summary['scans']} scans, {cost_text(summary)} ms each"
     if not summary["anchored"]:
         return f"{cost}, no place in the map"
     count = len(summary["intersections_recognised"])
     return f"{cost}, in the map by {count} intersections" if count else f"{cost}, in the map"
+
+
+def cost_text(summary: Mapping[str, Any]) -> str:
+    """Milliseconds a scan, median and 95th percentile, as text."""
+    median, p95 = summary["ms_per_scan_median"], summary["ms_per_scan_p95"]
+    return "–" if median is None else f"{median:.0f} (p95 {p95:.0f})"
 
 
 def process_facts() -> dict[str, Any]:

@@ -130,6 +130,7 @@ def test_ctrl_c_ends_quietly_with_130(tmp_path: Path) -> None:
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
+    # a shell shows 130 for both: an interrupt inside generated code makes Python end itself by the signal
+    assert process.returncode in (130, -signal.SIGINT)
     assert out + err == ""
     assert list(tmp_path.iterdir()) == []
