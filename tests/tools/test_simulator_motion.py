@@ -192,6 +192,12 @@ def test_route_files(tmp_path: Path, text: str) -> None:
     assert_allclose(load_route(tmp_path / "route.csv"), [[0.0, 0.0, 1.0], [10.0, 0.0, 1.0]])
 
 
+@pytest.mark.parametrize("text", ["x_m,y_m\n0,0\n10,0\n", "0\t0\n0;0 # again\n10;0"])
+def test_route_files_without_heights(tmp_path: Path, text: str) -> None:
+    (tmp_path / "route.csv").write_text(text)
+    assert_allclose(load_route(tmp_path / "route.csv"), [[0.0, 0.0], [10.0, 0.0]])
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -199,6 +205,8 @@ def test_route_files(tmp_path: Path, text: str) -> None:
         ("x,y,z\n1,2,3\n", "fewer than two points"),
         ("1,2,3\n1,2,3\n", "fewer than two points"),
         ("1,2,3\n4,5\n", "line 2: is not three numbers"),
+        ("1,2\n4,foo\n", "line 2: is not two numbers"),
+        ("1\n2\n", "line 1: is not three numbers"),
         ("x,y,z\n1,2,3\nfoo,5,6\n", "line 3: is not three numbers"),
         ("1,2,3\n4,nan,6\n", "point 1 is not finite"),
     ],
@@ -214,6 +222,6 @@ def test_bad_routes_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match="cannot be read"):
         load_route(tmp_path / "gone.csv")
     with pytest.raises(InputFileError, match="shape"):
-        checked_route(np.zeros((4, 2)))
+        checked_route(np.zeros((4, 4)))
     with pytest.raises(InputFileError, match="steeper than"):
         along(np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 60.0]]), MotionSettings(), 0)

@@ -278,8 +278,8 @@ def test_a_recording_may_start_in_motion() -> None:
     ("route", "message"),
     [
         ([[-20, 0, 0], [45, 0, 0]], "passes through rock|has no floor below"),
-        ([[-20, 0, 30], [20, 0, 30]], "has no floor below"),
-        ([[-20, 0, 5], [20, 0, 5]], "is outside the mine"),
+        ([[-20, 40, 0], [20, 40, 0]], "has no floor below"),
+        ([[-20, 40], [20, 40]], "has no floor of the mine under it"),
         ([[-20, 0, 0]], "fewer than two points"),
         ([[-20, 0, 0], [np.nan, 0, 0]], "not finite"),
     ],
@@ -287,6 +287,14 @@ def test_a_recording_may_start_in_motion() -> None:
 def test_routes_that_leave_the_mine_are_refused(route: list[list[float]], message: str) -> None:
     with pytest.raises(InputFileError, match=message):
         fly(hall(), route)
+
+
+def test_a_route_on_the_ground_outside_is_refused() -> None:
+    mesh = box(LOW, HIGH) + box(np.array([-60.0, -60.0, -1.0]), np.array([60.0, 60.0, -0.5]))
+    mine = Mine("hall on a plate", np.asarray(mesh.vertices), np.asarray(mesh.triangles), np.zeros(3))
+    fly(mine, ROUTE)
+    with pytest.raises(InputFileError, match="is outside the mine"):
+        fly(mine, [[-20.0, 40.0, -0.5], [20.0, 40.0, -0.5]])
 
 
 def test_a_way_too_narrow_is_refused() -> None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from semmap.errors import InputFileError
 from semmap.geometry import Array
 from tools.simulator.mine import Mine
 from tools.simulator.motion import Motion
+from tools.simulator.progress import Progress, ignored
 
-_WANTED, _NEEDED = 0.5, 0.25
-"""[m] from the rock: what the path is moved to get, and what it must have."""
+NEEDED, _WANTED = 0.25, 0.5
+"""[m] from the rock: what the path must have, and what it is moved to get."""
 _ROUNDS, _STEP = 60, 0.1
 _SPREAD = 2.0
 """How many control points, 1σ, give way together."""
@@ -21,13 +23,15 @@ _BELOW = 3.0
 _CHECK_S = 0.1
 
 
-def kept_clear(controls: Array, mine: Mine) -> Array:
+def kept_clear(controls: Array, mine: Mine, progress: Progress = ignored) -> Array:
     """Control points (n, 3) moved sideways from walls nearer than half a metre, as far as there is room.
 
     Smoothing cuts corners and turning back swings out, and a narrow roadway may have no room for either.
+    ``progress(done, total)`` counts rounds.
     """
     line = controls.copy()
-    for gain in np.linspace(1.0, 0.1, _ROUNDS):
+    for done, gain in enumerate(np.linspace(1.0, 0.1, _ROUNDS)):
+        progress(done, _ROUNDS)
         away = mine.raycaster.from_rock(line)
         distance = np.linalg.norm(away, axis=1)
         lacking = np.maximum(_WANTED - distance, 0.0)
@@ -50,8 +54,8 @@ def check_inside(mine: Mine, motion: Motion, height: float) -> None:
     reasons = (
         (blocked, "passes through rock"),
         (mine.raycaster.cast(p, down).distances > height + _BELOW, "has no floor below"),
-        (_surrounded(mine, p) < _CLOSED, "is outside the mine"),
-        (mine.raycaster.clearance(p) < _NEEDED, f"comes nearer than {_NEEDED} m to the rock"),
+        (~is_enclosed(mine, p), "is outside the mine"),
+        (mine.raycaster.clearance(p) < NEEDED, f"comes nearer than {NEEDED} m to the rock"),
     )
     for bad, what in reasons:
         if bad.any():
@@ -64,9 +68,9 @@ def check_inside(mine: Mine, motion: Motion, height: float) -> None:
             )
 
 
-def _surrounded(mine: Mine, p: Array) -> Array:
-    """Share (n,) of the horizon that is rock, seen from points (n, 3)."""
+def is_enclosed(mine: Mine, p: Array) -> NDArray[np.bool_]:
+    """Is most of the horizon rock (n,), seen from points (n, 3)?"""
     angle = np.linspace(0.0, 2.0 * np.pi, _HORIZON, endpoint=False)
     horizon = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_HORIZON)])
     hits = mine.raycaster.cast(np.repeat(p, _HORIZON, axis=0), np.tile(horizon, (len(p), 1)))
-    return np.asarray(np.isfinite(hits.distances).reshape(-1, _HORIZON).mean(axis=1))
+    return np.asarray(np.isfinite(hits.distances).reshape(-1, _HORIZON).mean(axis=1) >= _CLOSED)

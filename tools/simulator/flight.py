@@ -12,8 +12,10 @@ from semmap.geometry import Array
 from semmap.rig import Rig
 from semmap.trajectory import Trajectory
 from tools.simulator.clearance import check_inside, kept_clear
+from tools.simulator.floor import FloorRoute, on_floor
 from tools.simulator.mine import Mine
 from tools.simulator.motion import Motion
+from tools.simulator.progress import Progress, ignored
 from tools.simulator.rigs import default_rig
 from tools.simulator.route import checked_route, control_points
 from tools.simulator.settings import SensorFaults, SimulationSettings
@@ -31,6 +33,7 @@ class Flight:
 
     mine, motion, rig, faults : where, how, with what, and what goes wrong.
     first_s, last_s : the recorded stretch of the motion's time [s]. seed : of every sensor's errors.
+    floor_shift : by how much the route's heights were moved at most to lie on the mine's floor [m].
     """
 
     mine: Mine
@@ -40,6 +43,7 @@ class Flight:
     first_s: float
     last_s: float
     seed: int
+    floor_shift: float = 0.0
 
     def stamps(self, rate_hz: float, *, phase: float = 0.0) -> Stamps:
         """Stamps (n,) [ns] at a rate over the recorded stretch, beginning ``phase`` periods into it."""
@@ -68,16 +72,19 @@ def fly(
     *,
     settings: SimulationSettings | None = None,
     seed: int = 0,
+    progress: Progress | None = None,
 ) -> Flight:
     """Plan a flight through a mine.
 
     Parameters
     ----------
     mine : where.
-    route : (n, 3) floor points in the map frame; the scenario's own if None.
+    route : (n, 3) floor points in the map frame, or (n, 2) without heights; the scenario's own if None. Heights
+        that do not fit the mine's floor are replaced by it, see `on_floor`.
     rig : the robot's sensors; `default_rig` if None.
     settings : motion, faults, start and duration.
     seed : of wobble and sensor errors.
+    progress : called with (done, total) while the path is kept clear of the rock.
 
     Raises
     ------
@@ -87,12 +94,9 @@ def fly(
         If the recording would start after the flight has ended.
     """
     settings = settings or SimulationSettings()
-    if route is None:
-        if mine.scenario is None:
-            raise InputFileError("needs a route", file=mine.name, field="route", mend="give --route CSV")
-        route = mine.scenario.route_floor()
-    controls = control_points(checked_route(np.asarray(route, dtype=np.float64)), settings.motion)
-    motion = Motion(kept_clear(controls, mine), settings.motion, seed)
+    way = _floor_route(mine, route, settings.motion.height)
+    controls = kept_clear(control_points(way.points, settings.motion), mine, progress or ignored)
+    motion = Motion(controls, settings.motion, seed)
     check_inside(mine, motion, settings.motion.height)
     last = motion.duration_s if settings.duration_s is None else settings.start_s + settings.duration_s
     if settings.start_s >= motion.duration_s:
@@ -109,4 +113,14 @@ def fly(
         settings.start_s,
         min(last, motion.duration_s),
         seed,
+        way.shift,
     )
+
+
+def _floor_route(mine: Mine, route: ArrayLike | None, height: float) -> FloorRoute:
+    """The scenario's own route, which lies on its floor, or a given one put there."""
+    if route is not None:
+        return on_floor(checked_route(np.asarray(route, dtype=np.float64)), mine, height)
+    if mine.scenario is None:
+        raise InputFileError("needs a route", file=mine.name, field="route", mend="give --route CSV")
+    return FloorRoute(checked_route(mine.scenario.route_floor()), 0.0)

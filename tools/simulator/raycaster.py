@@ -22,6 +22,17 @@ class Hits:
     cosines: NDArray[np.float32]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Where verticals meet rock.
+
+    owners : (m,) which vertical, ascending; heights : (m,) [m, map frame], ascending in each vertical.
+    """
+
+    owners: NDArray[np.int64]
+    heights: Array
+
+
 class Raycaster:
     """Rays through a fixed mesh.
 
@@ -34,6 +45,7 @@ class Raycaster:
 
     def __init__(self, vertices: NDArray[np.floating], triangles: NDArray[np.int32], origin: Array) -> None:
         self._origin = np.asarray(origin, dtype=np.float64)
+        self._top = float(np.max(vertices[:, 2])) + 1.0
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
             o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices, dtype=np.float32)),
@@ -48,6 +60,16 @@ class Raycaster:
         normals = answer["primitive_normals"].numpy()
         cosines = np.abs(np.einsum("ij,ij->i", normals, rays[:, 3:]))
         return Hits(answer["t_hit"].numpy(), cosines)
+
+    def columns(self, plan: Array) -> Columns:
+        """All rock on the verticals through plan positions (n, 2), map frame."""
+        rays = np.empty((len(plan), 6), np.float32)
+        rays[:, :2], rays[:, 2], rays[:, 3:] = plan - self._origin[:2], self._top, (0.0, 0.0, -1.0)
+        answer = self._scene.list_intersections(o3d.core.Tensor.from_numpy(rays))
+        owners = answer["ray_ids"].numpy().astype(np.int64)
+        heights = self._origin[2] + self._top - answer["t_hit"].numpy().astype(np.float64)
+        order = np.lexsort((heights, owners))
+        return Columns(owners[order], heights[order])
 
     def free_way(self, starts: Array, ends: Array) -> Array:
         """How far (n,) [m] the way from ``starts`` (n, 3) to ``ends`` (n, 3) is free, infinite if all of it."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from tools.simulator.flight import EPOCH_NS, Flight, fly
 from tools.simulator.junctions import save_junctions
 from tools.simulator.measurements import arrival_ns, simulate_measurements
 from tools.simulator.mine import MESH_SUFFIXES, Mine, load_mesh, scenario
+from tools.simulator.progress import PERCENT, Progress, ignored, part
 from tools.simulator.rigs import save_rig
 from tools.simulator.route import load_route
 from tools.simulator.settings import SimulationSettings
@@ -24,9 +24,8 @@ from tools.simulator.settings import SimulationSettings
 PRIOR_MAP, RECORDING, RIG = "prior_map.laz", "recording", "rig.yaml"
 GROUND_TRUTH, JUNCTIONS = "ground_truth.tum", "junctions.csv"
 
-Progress = Callable[[int, int], None]
-_PERCENT = 100
-_DUG, _RECORDED = 10, 95
+_DUG, _CHECKED, _RECORDED = 10, 15, 95
+"""[%] of the whole when these steps are done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +36,7 @@ class Simulation:
     junctions : how many are in junctions.csv; None if there is no such file, because a mesh does not say where its
         intersections are.
     scans, measurements : counts. duration_s, length_m : of the recorded flight.
+    floor_shift : by how much the heights of a route of one's own were moved to the mine's floor, see `fly` [m].
     """
 
     out: Path
@@ -46,6 +46,7 @@ class Simulation:
     measurements: int
     duration_s: float
     length_m: float
+    floor_shift: float
 
 
 def simulate(
@@ -67,7 +68,7 @@ def simulate(
     source : name of a built-in mine (`tools.simulator.scenarios`) or a mesh file in metres, z up.
     out : directory for ``prior_map.laz``, ``recording/``, ``rig.yaml``, ``ground_truth.tum`` and, for built-in
         mines only, ``junctions.csv``.
-    route : CSV of floor points; the built-in mine's own route if None.
+    route : CSV of floor points, heights may be left out, see `load_route`; the built-in mine's own route if None.
     rig : the robot's sensors, `default_rig` if None.
     seed : of everything random; the same seed gives the same files.
     progress : called with (done, total) from time to time.
@@ -79,14 +80,14 @@ def simulate(
         the way.
     """
     out, settings = Path(out), settings or SimulationSettings()
-    report = progress or (lambda _done, _total: None)
+    report = progress or ignored
     _check_out(out)
     points = None if route is None else load_route(route)
-    mine = _open_mine(source, seed, _part(report, 0, _DUG))
-    flight = fly(mine, points, rig, settings=settings, seed=seed)
+    mine = _open_mine(source, seed, part(report, 0, _DUG))
+    flight = fly(mine, points, rig, settings=settings, seed=seed, progress=part(report, _DUG, _CHECKED))
     aside = _make_aside(out)
     try:
-        counts = _record(aside / RECORDING, flight, _part(report, _DUG, _RECORDED))
+        counts = _record(aside / RECORDING, flight, part(report, _CHECKED, _RECORDED))
         save_laz(aside / PRIOR_MAP, mine.sample(spacing=settings.map_spacing, noise=settings.map_noise, seed=seed))
         save_rig(aside / RIG, flight.rig)
         truth = flight.truth()
@@ -96,9 +97,10 @@ def simulate(
         _move_in(aside, out)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
-    report(_PERCENT, _PERCENT)
+    report(PERCENT, PERCENT)
     duration = flight.last_s - flight.first_s
-    return Simulation(out, mine.name, len(mine.junctions) if mine.scenario else None, *counts, duration, truth.length())
+    junctions = len(mine.junctions) if mine.scenario else None
+    return Simulation(out, mine.name, junctions, *counts, duration, truth.length(), flight.floor_shift)
 
 
 def _open_mine(source: str | Path, seed: int, report: Progress) -> Mine:
@@ -122,11 +124,6 @@ def _record(path: Path, flight: Flight, report: Progress) -> tuple[int, int]:
                 report(arrival_ns(measurement) - first_ns, span_ns)
             scans += isinstance(measurement, Scan)
     return scans, measurements
-
-
-def _part(report: Progress, start: int, end: int) -> Progress:
-    """A progress callback for the part of the whole from ``start`` to ``end`` percent."""
-    return lambda done, total: report(start + (end - start) * done // total, _PERCENT)
 
 
 def _check_out(out: Path) -> None:

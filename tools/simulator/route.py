@@ -18,11 +18,13 @@ _REVERSAL_DEG, _REVERSAL_REACH = 115.0, 3.0
 _TURN_RADIUS, _PULL_OVER = 0.6, 6.0
 _SHORTEST_LEG = 2.5
 _STEEPEST = 2.0
+_NUMBERS = {2: "two", 3: "three"}
 
 
 def load_route(path: str | Path) -> Array:
-    """Floor points (n, 3) of a route file: ``x_m,y_m,z_floor_m`` a line, comments and a header allowed.
+    """Floor points of a route file, comments and a header allowed.
 
+    A line is ``x_m,y_m,z_floor_m``, which gives (n, 3), or in all lines ``x_m,y_m`` only, which gives (n, 2).
     Raises `InputFileError` with the line at fault.
     """
     try:
@@ -38,19 +40,24 @@ def load_route(path: str | Path) -> Array:
         if not rows and not header_seen and not any(_is_number(word) for word in words):
             header_seen = True
             continue
-        if len(words) < 3 or not all(_is_number(word) for word in words[:3]):
+        wanted = len(rows[0]) if rows else 2 if len(words) == 2 else 3
+        if len(words) < wanted or not all(_is_number(word) for word in words[:wanted]):
             raise InputFileError(
-                "is not three numbers", file=path, field=f"line {number}", mend="write x_m,y_m,z_floor_m"
+                f"is not {_NUMBERS[wanted]} numbers",
+                file=path,
+                field=f"line {number}",
+                mend="write x_m,y_m,z_floor_m, or x_m,y_m in all lines",
             )
-        rows.append([float(word) for word in words[:3]])
-    return checked_route(np.array(rows, dtype=np.float64).reshape(-1, 3), file=path)
+        rows.append([float(word) for word in words[:wanted]])
+    return checked_route(np.array(rows or np.empty((0, 3)), dtype=np.float64), file=path)
 
 
 def checked_route(floor: Array, *, file: str | Path | None = None) -> Array:
-    """Route points without repeats. Raises `InputFileError` where they make no route."""
+    """Route points (n, 3), or (n, 2) without heights, less repeats. Raises `InputFileError` if they make no route."""
     floor = np.asarray(floor, dtype=np.float64)
-    if floor.ndim != 2 or floor.shape[1] != 3:
-        raise InputFileError(f"has shape {floor.shape}", file=file, field="route", mend="give (n, 3) floor points")
+    if floor.ndim != 2 or floor.shape[1] not in _NUMBERS:
+        mend = "give (n, 3) floor points, or (n, 2) without heights"
+        raise InputFileError(f"has shape {floor.shape}", file=file, field="route", mend=mend)
     if not np.isfinite(floor).all():
         bad = int(np.nonzero(~np.isfinite(floor).all(axis=1))[0][0])
         raise InputFileError(f"point {bad} is not finite", file=file, field="route", mend="remove it")
@@ -69,7 +76,7 @@ def control_points(floor: Array, motion: MotionSettings) -> Array:
     Where the route turns back, the way swings out before and after and makes a small half circle between,
     so that its direction is defined everywhere.
     """
-    legs = [_smooth(leg, motion.corner) for leg in _legs(_evenly(floor, CONTROL_STEP / 2))]
+    legs = [smoothed(leg, motion.corner) for leg in _legs(evenly(floor, CONTROL_STEP / 2))]
     sides = [0, *(_turning_side(before, after) for before, after in pairwise(legs)), 0]
     swung = [_swung_out(leg, *ends) for leg, ends in zip(legs, pairwise(sides), strict=True)]
     parts = [swung[0]]
@@ -77,8 +84,8 @@ def control_points(floor: Array, motion: MotionSettings) -> Array:
         parts += [_half_circle(before, after), after] if side else [after]
     line = np.concatenate(parts)
     if len(legs) > 1:
-        line = _smooth(_evenly(line, CONTROL_STEP / 2), CONTROL_STEP)
-    line = _evenly(line, CONTROL_STEP)
+        line = smoothed(evenly(line, CONTROL_STEP / 2), CONTROL_STEP)
+    line = evenly(line, CONTROL_STEP)
     _check_slope(line)
     line[:, 2] += motion.height
     return line
@@ -105,19 +112,19 @@ def _is_number(word: str) -> bool:
 
 
 def _along(points: Array) -> Array:
-    """Distance (n,) along a polyline (n, 3)."""
+    """Distance (n,) along a polyline (n, d)."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
-def _evenly(points: Array, step: float) -> Array:
-    """The polyline at equal distances of about ``step``, ends kept."""
+def evenly(points: Array, step: float) -> Array:
+    """The polyline (n, d) at equal distances of about ``step``, ends kept."""
     along = _along(points)
     at = np.linspace(0.0, along[-1], max(2, round(along[-1] / step) + 1))
-    return np.column_stack([np.interp(at, along, points[:, k]) for k in range(3)])
+    return np.column_stack([np.interp(at, along, axis) for axis in points.T])
 
 
-def _smooth(points: Array, sigma: float) -> Array:
-    """Gaussian smoothing of an evenly spaced polyline; the ends stay."""
+def smoothed(points: Array, sigma: float) -> Array:
+    """Gaussian smoothing, 1σ ``sigma`` [m], of an evenly spaced polyline; the ends stay."""
     spacing = _along(points)[-1] / (len(points) - 1)
     pad = min(len(points) - 1, int(4.0 * sigma / spacing))
     padded = np.pad(points, ((pad, pad), (0, 0)), mode="reflect", reflect_type="odd")
