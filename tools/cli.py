@@ -118,16 +118,17 @@ def demo(
 def simulate(
     source: Annotated[str, typer.Argument(metavar="SCENARIO|MESH", help="A built-in mine, or a mesh file.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files go.")],
-    route: Annotated[Path | None, typer.Option(metavar="CSV", help="Way points x,y,z on the floor.")] = None,
+    route: Annotated[Path | None, typer.Option(metavar="CSV", help="Way points x,y,z or x,y on the floor.")] = None,
+    rig: Annotated[Path | None, typer.Option(metavar="FILE", help="The robot's sensors.")] = None,
 ) -> None:
     """Simulate a mine and a robot.
 
     Writes prior_map.laz, recording/, rig.yaml, ground_truth.tum and junctions.csv.
     """
-    from tools.simulate import simulate_mine
+    from tools.simulate import outcome, simulate_mine
 
-    done = simulate_mine(source, out, _common.settings(), route=route)
-    typer.echo(f"{done.mine}: {done.scans} scans, {done.duration_s:.0f} s, {done.length_m:.0f} m: {out}")
+    done = simulate_mine(source, out, _common.settings(), route=route, rig=rig)
+    typer.echo(f"{outcome(done)}: {out}")
 
 
 @app.command(epilog=EPILOG)

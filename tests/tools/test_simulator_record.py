@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import open3d as o3d
@@ -13,10 +14,12 @@ from numpy.testing import assert_allclose
 
 from maps.prior_map import read_prior_map
 from semmap.errors import InputFileError, SemmapError
-from semmap.measurements import ImuSample, Scan, UwbRange, WheelSpeed
+from semmap.geometry import interpolate_poses
+from semmap.measurements import ImuSample, PrismFix, Scan, UwbRange, WheelSpeed
 from semmap.recordings import read_recording
 from semmap.rig import Rig
 from semmap.trajectory import Trajectory
+from tools import cli
 from tools.simulator import (
     SimulationSettings,
     default_rig,
@@ -26,6 +29,7 @@ from tools.simulator import (
     scenario,
     simulate,
     simulate_measurements,
+    with_total_station,
     with_uwb,
 )
 from tools.simulator.rigs import save_rig
@@ -116,6 +120,68 @@ def test_a_rig_of_one_s_own(tmp_path: Path, hall: tuple[Path, Path]) -> None:
     stream = list(read_recording(tmp_path / "sim" / "recording", back))
     assert {m.anchor for m in stream if isinstance(m, UwbRange)} == set(rig.uwb.anchors)
     assert not any(isinstance(m, Scan) for m in stream)
+
+
+def test_a_rig_file_with_beacons_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine = scenario("drift", 0)
+    axis = mine.scenario.route_floor() + [0.0, 0.0, 1.6]
+    rig = with_total_station(with_uwb(default_rig().without("lidar"), mine, axis[15], max_range=40.0), axis[6])
+    save_rig(tmp_path / "beacons.yaml", rig)
+    settings = "simulate: {duration_s: 20.0, map_spacing: 0.5, faults: {uwb_outlier_rate: 0}}"
+    (tmp_path / "config.yaml").write_text(settings)
+    options = ["--rig", str(tmp_path / "beacons.yaml"), "--config", str(tmp_path / "config.yaml")]
+    assert cli.run(["simulate", "drift", *options, "--out", str(tmp_path / "sim")]) == 0
+    assert "junctions" not in capsys.readouterr().out
+
+    back = Rig.from_yaml(tmp_path / "sim" / "rig.yaml")
+    stream = list(read_recording(tmp_path / "sim" / "recording", back))
+    truth = Trajectory.load_tum(tmp_path / "sim" / "ground_truth.tum")
+    fixes, ranges = ([m for m in stream if isinstance(m, kind)] for kind in (PrismFix, UwbRange))
+    assert len(fixes) > 50 and len(ranges) > 200
+    prism = points_of_the_body(truth, fixes, back.total_station.p_imu_prism)
+    assert np.std(prism - [fix.p_map for fix in fixes], axis=0).max() < 1.2 * back.total_station.point_std
+    assert_allclose(prism, [fix.p_map for fix in fixes], atol=0.02)
+    tag = points_of_the_body(truth, ranges, back.uwb.p_imu_tag)
+    anchors = np.array([back.uwb.anchors[reading.anchor] for reading in ranges])
+    true = np.linalg.norm(tag - anchors, axis=1)
+    error = np.array([reading.distance for reading in ranges]) - true
+    seen = np.isinf(mine.raycaster.free_way(tag, anchors))
+    assert seen.sum() > 200
+    assert abs(error[seen].mean()) < 0.02
+    assert error[seen].std() == pytest.approx(back.uwb.range_std, rel=0.2)
+
+
+def points_of_the_body(truth: Trajectory, at: list[Any], p_imu: tuple[float, ...]) -> np.ndarray:
+    """Where a point fixed to the body truly is when measurements are made, map frame."""
+    poses = interpolate_poses(truth.stamps_ns, truth.poses, np.array([measurement.stamp_ns for measurement in at]))
+    return poses[:, :3, :3] @ np.array(p_imu) + poses[:, :3, 3]
+
+
+def test_the_command_line_says_what_a_mesh_does_not_give(
+    tmp_path: Path, hall: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh, route = hall
+    (tmp_path / "config.yaml").write_text("simulate: {duration_s: 3.0, map_spacing: 0.5}")
+    route.write_text("\n".join(line.replace("200.000", "197.5") for line in route.read_text().splitlines()))
+    args = ["simulate", str(mesh), "--route", str(route), "--config", str(tmp_path / "config.yaml")]
+    assert cli.run([*args, "--out", str(tmp_path / "sim")]) == 0
+    said = capsys.readouterr().out
+    assert "moved up to 2.5 m" in said and "no junctions.csv" in said and said.count("\n") == 1
+    assert cli.run([*args, "--rig", str(tmp_path / "gone.yaml"), "--out", str(tmp_path / "other")]) == 2
+    assert "gone.yaml" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
+
+
+def test_what_a_rig_says_of_other_point_times_does_not_count_here(tmp_path: Path, hall: tuple[Path, Path]) -> None:
+    mesh, route = hall
+    block = default_rig().lidar.model_copy(update={"time_field": "t", "time_unit": "ns", "range_std": 0.03})
+    settings = SHORT.model_copy(update={"duration_s": 0.5})
+    rig = default_rig().model_copy(update={"lidar": block})
+    simulate(mesh, out=tmp_path / "sim", route=route, rig=rig, settings=settings)
+    back = Rig.from_yaml(tmp_path / "sim" / "rig.yaml")
+    assert back.lidar == default_rig().lidar.model_copy(update={"range_std": 0.03})
+    scan = next(m for m in read_recording(tmp_path / "sim" / "recording", back) if isinstance(m, Scan))
+    assert 0.09e9 < scan.offsets_ns.max() <= 0.1e9
 
 
 def test_bad_input_leaves_nothing_behind(tmp_path: Path, hall: tuple[Path, Path]) -> None:

@@ -17,7 +17,7 @@ from tools.simulator.junctions import save_junctions
 from tools.simulator.measurements import arrival_ns, simulate_measurements
 from tools.simulator.mine import MESH_SUFFIXES, Mine, load_mesh, scenario
 from tools.simulator.progress import PERCENT, Progress, ignored, part
-from tools.simulator.rigs import save_rig
+from tools.simulator.rigs import as_recorded, default_rig, save_rig
 from tools.simulator.route import load_route
 from tools.simulator.settings import SimulationSettings
 
@@ -84,7 +84,8 @@ def simulate(
     _check_out(out)
     points = None if route is None else load_route(route)
     mine = _open_mine(source, seed, part(report, 0, _DUG))
-    flight = fly(mine, points, rig, settings=settings, seed=seed, progress=part(report, _DUG, _CHECKED))
+    sensors = as_recorded(rig or default_rig())
+    flight = fly(mine, points, sensors, settings=settings, seed=seed, progress=part(report, _DUG, _CHECKED))
     aside = _make_aside(out)
     try:
         counts = _record(aside / RECORDING, flight, part(report, _CHECKED, _RECORDED))

@@ -90,6 +90,14 @@ def with_total_station(rig: Rig, position: ArrayLike) -> Rig:
     return rig.model_copy(update={"total_station": block})
 
 
+def as_recorded(rig: Rig) -> Rig:
+    """The rig less what its owner said about the point times of another recording: ours say it themselves."""
+    if rig.lidar is None:
+        return rig
+    said = rig.lidar.model_dump(exclude_unset=True, exclude={"time_field", "time_unit", "time_reference"})
+    return rig.model_copy(update={"lidar": LidarBlock(**said)})
+
+
 def save_rig(path: str | Path, rig: Rig) -> None:
     """Write a rig file with the keys that were set; `Rig.from_yaml` reads the same rig."""
     with written_whole(path) as temporary:
