@@ -108,8 +108,8 @@ def best_yaw(scores: Array, overlaps: Array) -> Similarity:
 def yaw_at(scores: Array, overlaps: Array, best: int) -> Similarity:
     """The peak ``best`` of the scores (sectors,), its yaw interpolated between sectors."""
     sectors = len(scores)
-    before, top, after = scores[best - 1], scores[best], scores[(best + 1) % sectors]
+    before, top, after = float(scores[best - 1]), float(scores[best]), float(scores[(best + 1) % sectors])
     bend = before - 2.0 * top + after
     between = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
     yaw = (best + between) * 2.0 * np.pi / sectors
-    return Similarity(float(top), float((yaw + np.pi) % (2.0 * np.pi) - np.pi), float(overlaps[best]))
+    return Similarity(top, float((yaw + np.pi) % (2.0 * np.pi) - np.pi), float(overlaps[best]))

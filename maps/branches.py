@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maps.free_space import FreeSpace
 from maps.roadways import Roadway
@@ -31,8 +32,9 @@ class Branch:
 def branch_of(road: Roadway, p: Array, space: FreeSpace, axis_length: float) -> Branch:
     """The branch that ``road`` makes at the invariant point ``p`` (2,).
 
-    Both are measured on the ``axis_length`` of centre line that begins where the roadway has left the intersection,
-    one and a half times its distance to the walls from the point.
+    The bearing goes from the point to the middle of, and the width is the median over, the ``axis_length``
+    of centre line that begins where the roadway has left the intersection: one and a half times as far from the point
+    as the walls are.
     """
     walked, line = road.resampled(_STEP_M)
     away = np.linalg.norm(line - p, axis=1)
@@ -40,10 +42,11 @@ def branch_of(road: Roadway, p: Array, space: FreeSpace, axis_length: float) -> 
     piece = (away >= min(start, away.max())) & (away <= start + axis_length)
     piece = piece if piece.any() else away >= away.max()
     aim = line[piece].mean(axis=0) - p
-    return Branch(float(np.arctan2(aim[1], aim[0]) % (2.0 * np.pi)), _width(line, piece, space), float(walked[-1]))
+    bearing = float(np.arctan2(aim[1], aim[0]) % (2.0 * np.pi))
+    return Branch(bearing, _width(line, piece, space), float(walked[-1]))
 
 
-def _width(line: Array, piece: np.ndarray, space: FreeSpace) -> float:
+def _width(line: Array, piece: NDArray[np.bool_], space: FreeSpace) -> float:
     """Median distance between the walls left and right of the axis [m]."""
     smooth = 4
     ahead, behind = np.roll(line, -smooth, axis=0), np.roll(line, smooth, axis=0)

@@ -16,12 +16,15 @@ from maps._numba_rays import FREE, UNKNOWN, WALL, march, mark_seen
 from maps.grid import Grid, Points
 from maps.ground import Ground, ground_of
 from maps.settings import FreeSpaceSettings
+from semmap.errors import CloudError
 from semmap.geometry import Array
 
 _CROSS = ndimage.generate_binary_structure(2, 1)
 _EIGHT = ndimage.generate_binary_structure(2, 2)
 _RAYS = 720
 _BINS = 360
+_THIN, _THIN_M = 0.8, 1.0
+"""Floor is thinly sampled where fewer than this share of its cells, averaged over some metres, hold a point."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +96,7 @@ def split_ground_and_walls(points: Points, settings: FreeSpaceSettings) -> FreeS
     height = points[:, 2] - ground.at(points[:, :2])
     wall = grid.count(points[_in_band(height, settings), :2]) > 0
     floor = grid.count(points[np.abs(height) < settings.wall_from, :2]) > 0
-    closed = ndimage.binary_closing(floor, _CROSS, iterations=round(0.5 * settings.max_gap / settings.cell))
-    return _free_space(closed & ~wall, wall, grid, ground, settings)
+    return _free_space(_closed(floor, settings) & ~wall, wall, grid, ground, settings)
 
 
 def free_space_of_views(views: Sequence[View], settings: FreeSpaceSettings) -> FreeSpace:
@@ -102,11 +104,13 @@ def free_space_of_views(views: Sequence[View], settings: FreeSpaceSettings) -> F
 
     Raises `CloudError` where they show no floor.
     """
-    points = np.concatenate([view.points for view in views])
+    points = np.concatenate([view.points for view in views]) if views else np.zeros((0, 3))
     owner = np.repeat(np.arange(len(views)), [len(view.points) for view in views])
-    delta = points - np.array([view.p_sensor for view in views])[owner]
+    delta = points - np.array([view.p_sensor for view in views]).reshape(-1, 3)[owner]
     away = np.hypot(delta[:, 0], delta[:, 1])
     near = away < settings.view_range
+    if not near.any():
+        raise CloudError("shows nothing near the sensor", field="views")
     ground = ground_of(points[near & _may_be_floor(delta, away)], settings, around=points[near])
     grid = _fine_grid(ground.grid, settings)
     height = points[near, 2] - ground.at(points[near, :2])
@@ -116,6 +120,18 @@ def free_space_of_views(views: Sequence[View], settings: FreeSpaceSettings) -> F
         x, y = (view.p_sensor[:2] - (grid.x0, grid.y0)) / grid.cell
         mark_seen(free, wall, x, y, np.minimum(reach, settings.view_range) / grid.cell)
     return _free_space(free & ~wall, wall, grid, ground, settings)
+
+
+def _closed(floor: NDArray[np.bool_], settings: FreeSpaceSettings) -> NDArray[np.bool_]:
+    """Floor without the holes that the sampling left: small ones, and wide ones where the floor is thinly sampled."""
+    little, wide = (
+        ndimage.binary_closing(floor, _CROSS, iterations=round(0.5 * gap / settings.cell))
+        for gap in (settings.max_gap, settings.max_gap_sparse)
+    )
+    sigma = _THIN_M / settings.cell
+    covered = ndimage.gaussian_filter(floor.astype(np.float32), sigma, truncate=2.0)
+    all_of_it = ndimage.gaussian_filter(wide.astype(np.float32), sigma, truncate=2.0)
+    return np.asarray(np.where(covered < _THIN * all_of_it, wide, little))
 
 
 def _fine_grid(ground: Grid, settings: FreeSpaceSettings) -> Grid:

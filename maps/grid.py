@@ -9,10 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from semmap.errors import CloudError
 from semmap.geometry import Array
 
 Points: TypeAlias = NDArray[np.floating[Any]]
 """Coordinates of any float type."""
+
+MAX_CELLS = 40_000_000
+"""Of a floor raster; the free-space raster has a few times as many and must fit into memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,16 +35,17 @@ class Grid:
 
     @classmethod
     def around(cls, xy: Points, cell: float, margin: float) -> Grid:
-        """Smallest grid that holds the points (n, 2) and ``margin`` [m] on every side."""
+        """Smallest grid that holds the points (n, 2) and ``margin`` [m] on every side.
+
+        Raises `CloudError` where it would have too many cells: there are points far off the mine.
+        """
         low, high = xy.min(axis=0) - margin, xy.max(axis=0) + margin
         low = np.floor(low / cell) * cell
         shape = np.ceil((high - low) / cell).astype(int) + 1
+        if shape[0] * shape[1] > MAX_CELLS:
+            size = " by ".join(f"{extent / 1000.0:.1f}" for extent in high - low)
+            raise CloudError(f"stretches over {size} km", mend="remove stray points, or build the mine in parts")
         return cls(float(low[0]), float(low[1]), cell, (int(shape[0]), int(shape[1])))
-
-    def coarser(self, factor: int) -> Grid:
-        """Grid with the same corner whose cells are ``factor`` times as wide and that covers at least as much."""
-        shape = (-(-self.shape[0] // factor), -(-self.shape[1] // factor))
-        return Grid(self.x0, self.y0, self.cell * factor, shape)
 
     def coordinates(self, xy: Points) -> Array:
         """Real-valued cell coordinates (n, 2) of points (n, 2): the centre of cell (i, j) is (i, j)."""

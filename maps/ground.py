@@ -15,6 +15,8 @@ from semmap.geometry import Array
 
 _ENVELOPE_RADIUS_M = 3.0
 _FLOOR_THICKNESS_M = 0.25
+_STRAY_M, _COMMON_RANK = 0.5, 6
+"""Deeper below the seventh lowest of the 25 cells around than this, a point is stray."""
 _FILL_CELLS = ((1.0, 0.05), (4.0, 0.02))  # width of the mean, and the share of cells it must know
 
 
@@ -42,9 +44,10 @@ def ground_of(points: Points, settings: FreeSpaceSettings, *, around: Points | N
     The raster covers ``around`` (m, 3), the cloud itself by default. Raises `CloudError` where nothing looks like a
     floor.
     """
+    if not len(points):
+        raise CloudError("shows no floor", mend="check that z points up and the floor was scanned")
     grid = Grid.around((points if around is None else around)[:, :2], settings.ground_cell, margin=2.0)
-    low = grid.lowest(points)
-    low[_is_outlier(low)] = np.inf
+    low = _lowest(points, grid)
     seen = np.isfinite(low) & (low <= _lower_envelope(low, grid.cell, settings.max_slope) + _FLOOR_THICKNESS_M)
     seen &= ~_stands_upright(points, grid, low)
     if not seen.any():
@@ -52,13 +55,15 @@ def ground_of(points: Points, settings: FreeSpaceSettings, *, around: Points | N
     return Ground(grid, _filled(low, seen), seen)
 
 
-def _is_outlier(low: Array, depth: float = 0.5) -> NDArray[np.bool_]:
-    """Cells that lie ``depth`` below most of their neighbours: reflections, not floor."""
-    value = np.where(np.isfinite(low), low, np.nan)
-    known = np.isfinite(low).astype(np.float64)
-    around = ndimage.uniform_filter(np.nan_to_num(value), 5) / np.maximum(ndimage.uniform_filter(known, 5), 1e-9)
-    second = ndimage.rank_filter(low, 1, size=3)
-    return np.asarray(np.isfinite(low) & (low < around - depth) & (low < second - depth))
+def _lowest(points: Points, grid: Grid) -> Array:
+    """Lowest z of the points in each cell, less those far below what the neighbours have: reflections, not floor."""
+    low = grid.lowest(points)
+    common = ndimage.rank_filter(low, _COMMON_RANK, size=5, mode="constant", cval=np.inf)
+    limit = np.where(np.isfinite(common), common - _STRAY_M, -np.inf)
+    if not (low < limit).any():
+        return low
+    cells, inside = grid.cells(points[:, :2])
+    return grid.lowest(points[inside & (points[:, 2] >= limit.ravel()[cells])])
 
 
 def _lower_envelope(low: Array, cell: float, slope: float) -> Array:

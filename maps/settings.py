@@ -15,7 +15,8 @@ class FreeSpaceSettings(Settings):
     ground_cell : cell of the floor raster [m], a multiple of ``cell``.
     max_slope : steepest floor, rise over run; steeper surfaces are walls.
     wall_from, wall_to : height above the floor of the band whose points are walls [m].
-    max_gap : holes in the sampling of floor and walls up to this width are closed [m].
+    max_gap, max_gap_sparse : holes in a map's floor up to this width are closed, where it is well and where it is
+        thinly sampled [m].
     max_clutter : obstacles in free space up to this area are not walls (vehicles, posts) [m²].
     view_range : of a keyframe, only what is nearer than this to its LiDAR is used [m].
     """
@@ -26,6 +27,7 @@ class FreeSpaceSettings(Settings):
     wall_from: PositiveFloat = 0.4
     wall_to: PositiveFloat = 1.8
     max_gap: PositiveFloat = 0.6
+    max_gap_sparse: PositiveFloat = 2.4
     max_clutter: PositiveFloat = 6.0
     view_range: PositiveFloat = 20.0
 
