@@ -97,7 +97,7 @@ class ScanContextIndex:
     ) -> None:
         self._settings = settings or ScanContextSettings()
         self._contexts = tuple(contexts)
-        self._keys = np.array([ring_key(context) for context in contexts]).reshape(len(self._contexts), -1)
+        self._keys = np.array([ring_key(context) for context in contexts]).reshape(-1, self._settings.rings)
 
     def best(self, query: NDArray[np.float32], k: int) -> list[ContextMatch]:
         """The ``k`` contexts nearest to the query, nearest first."""
