@@ -122,11 +122,15 @@ class Localizer:
         return keyframe
 
     def _link_covariance(self, pose: OdometryPose) -> Array:
-        """Covariance of a relative pose: the filter's own, and the drift that a filter with its own map cannot see."""
+        """Covariance of the pose relative to the last keyframe, such that a chain of them adds up honestly.
+
+        The filter's own is right for one link (measured on rough and smooth walls), but one link's error in position
+        tends to be the next one's as well: along a smooth drift nearly the whole error goes one way.
+        """
         g = self.settings.graph
-        length = self.settings.keyframes.distance
-        drift = np.repeat([g.drift_rotation, g.drift_position], 3) ** 2 * length
-        covariance: Array = pose.since_keyframe + np.diag(drift)
+        drift = np.repeat([g.drift_rotation, g.drift_position], 3) ** 2
+        stretch = np.repeat([1.0, np.sqrt(g.link_correlation)], 3)
+        covariance: Array = pose.since_keyframe * np.outer(stretch, stretch) + np.diag(drift)
         return covariance
 
     def _recognise_intersection(self, keyframe: Keyframe) -> None:
@@ -227,7 +231,7 @@ class Localizer:
             carried = adjoint(inverse(since))
             covariance = carried @ self._covariance @ carried.T
             if not pose.keyframe:
-                covariance = covariance + pose.since_keyframe
+                covariance = covariance + self._link_covariance(pose)
             self._realtime_track.append((pose.stamp_ns, T_map_imu))
         return Update(pose.stamp_ns, pose.T_odom_imu, T_map_imu, covariance, self._state)
 

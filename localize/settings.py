@@ -106,13 +106,15 @@ class SightingSettings(Settings):
 class GraphSettings(Settings):
     """The pose graph."""
 
-    drift_position: PositiveFloat = 0.004
-    """Odometry error that no covariance tells, per square root of a metre [m]."""
-    drift_rotation: PositiveFloat = 0.0007
-    """The same of the attitude [rad]."""
-    pin_position: PositiveFloat = 0.02
+    link_correlation: PositiveFloat = 25.0
+    """Keyframes in a row whose odometry errs the same way: multiplies the variance of relative positions."""
+    drift_position: PositiveFloat = 0.002
+    """Least error of a relative pose [m]."""
+    drift_rotation: PositiveFloat = 0.0003
+    """The same of its attitude [rad]."""
+    pin_position: PositiveFloat = 0.01
     """Least standard deviation of a pin [m]: what map and sensor can do."""
-    pin_rotation: PositiveFloat = 0.003
+    pin_rotation: PositiveFloat = 0.0015
     """Least standard deviation of a pin [rad]."""
     vertical_std: PositiveFloat = 0.03
     """The filter's vertical at one keyframe [rad]; keyframes share its error, so one alone counts little."""
