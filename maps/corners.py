@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from maps.roadways import Roadway
@@ -11,15 +13,27 @@ from semmap.geometry import Array
 _STEP_M = 0.5
 
 
-def corner_of(road: Roadway, settings: TopologySettings) -> Array | None:
-    """Where the two straight legs of the sharpest corner of a roadway meet, (2,); None where it has no corner.
+@dataclass(frozen=True, slots=True, eq=False)
+class Corner:
+    """A sharp corner of a roadway.
+
+    p : (2,) where its two straight legs meet [m].
+    at : length of the roadway's axis up to where it is nearest to the corner [m].
+    """
+
+    p: Array
+    at: float
+
+
+def corner_of(road: Roadway, settings: TopologySettings) -> Corner | None:
+    """The sharpest corner of a roadway; None where it has none.
 
     A corner turns by the angle of the settings or more between two legs, each at least as long as a branch axis and
     one and a half times as long as the roadway is wide, that lie on either side of the bend and off the ends.
     """
     half_width = float(np.median(road.clearance))
     bend, leg = 1.5 * half_width, max(settings.axis_length, 3.0 * half_width)
-    _, line = road.resampled(_STEP_M)
+    walked, line = road.resampled(_STEP_M)
     near, far = round(bend / _STEP_M), round((bend + leg) / _STEP_M)
     start = far + round(1.5 * road.clearance[0] / _STEP_M)
     end = len(line) - far - round(1.5 * road.clearance[-1] / _STEP_M)
@@ -33,7 +47,9 @@ def corner_of(road: Roadway, settings: TopologySettings) -> Array | None:
     middle = int(at[sharpest])
     before, after = line[middle - far : middle - near + 1], line[middle + near : middle + far + 1]
     meeting = _meeting(before, after)
-    return meeting if np.linalg.norm(meeting - line[middle]) < 2.0 * bend else line[middle]
+    p = meeting if np.linalg.norm(meeting - line[middle]) < 2.0 * bend else line[middle]
+    nearest = middle - far + int(np.argmin(np.linalg.norm(line[middle - far : middle + far + 1] - p, axis=1)))
+    return Corner(p, float(walked[nearest]))
 
 
 def _angle(a: Array, b: Array) -> Array:

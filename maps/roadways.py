@@ -25,7 +25,11 @@ class Roadway:
     @property
     def length(self) -> float:
         """Length along the axis [m]."""
-        return float(np.linalg.norm(np.diff(self.axis, axis=0), axis=1).sum())
+        return float(self._walked()[-1])
+
+    def _walked(self) -> Array:
+        """Length (k,) of the axis up to each of its points [m]."""
+        return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.axis, axis=0), axis=1))])
 
     def reversed(self) -> Roadway:
         """The same roadway from its other end."""
@@ -39,9 +43,9 @@ class Roadway:
             np.concatenate([self.clearance, after.clearance[1:]]),
         )
 
-    def split(self, p: Array, node: int) -> tuple[Roadway, Roadway]:
-        """The two parts of this roadway, cut at the new ``node`` where its axis is nearest to ``p`` (2,)."""
-        k = int(np.argmin(np.linalg.norm(self.axis - p, axis=1)))
+    def split(self, at: float, node: int) -> tuple[Roadway, Roadway]:
+        """The two parts of this roadway, cut ``at`` [m] along its axis, where the new ``node`` is."""
+        k = int(np.searchsorted(self._walked(), at).clip(1, len(self.axis) - 2))
         return (
             Roadway((self.nodes[0], node), self.axis[: k + 1], self.clearance[: k + 1]),
             Roadway((node, self.nodes[1]), self.axis[k:], self.clearance[k:]),
@@ -49,6 +53,6 @@ class Roadway:
 
     def resampled(self, step: float) -> tuple[Array, Array]:
         """Path lengths (k,) and points (k, 2) along the axis, ``step`` [m] apart, both ends included."""
-        walked = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.axis, axis=0), axis=1))])
+        walked = self._walked()
         at = np.append(np.arange(0.0, walked[-1], step), walked[-1])
         return at, np.stack([np.interp(at, walked, self.axis[:, k]) for k in (0, 1)], axis=-1)

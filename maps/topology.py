@@ -62,13 +62,13 @@ def _with_corners(
     todo, done = list(roads), []
     while todo:
         road = todo.pop()
-        p = corner_of(road, settings)
-        if p is None:
+        corner = corner_of(road, settings)
+        if corner is None:
             done.append(road)
             continue
         number = max(nodes, default=-1) + len(corners) + 1
-        corners[number] = p
-        todo.extend(road.split(p, number))
+        corners[number] = corner.p
+        todo.extend(road.split(corner.at, number))
     return Topology(nodes | corners, tuple(done), open_ends, frozenset(corners))
 
 

@@ -157,6 +157,27 @@ def test_the_index_looks_only_where_it_is_allowed() -> None:
     assert len(index) == 6
 
 
+def symmetric() -> WallContour:
+    """A crossing that looks the same from both ends."""
+    pwcv = (4.0 + 2.0 * np.cos(4.0 * np.pi * np.arange(72) / 72)).astype(np.float32)
+    seen = np.ones(72, dtype=bool)
+    return WallContour(pwcv, seen, np.repeat(pwcv[None], 3, axis=0), np.repeat(seen[None], 3, axis=0))
+
+
+def test_a_symmetric_crossing_comes_at_both_yaws() -> None:
+    index = ContourIndex([contour(1), symmetric()], SETTINGS)
+    query = rolled(symmetric(), 10)
+    matches = index.turned(query, 0.9, at_most=5)
+    assert [match.row for match in matches] == [1, 1]
+    expected = -2.0 * np.pi * 10 / 72
+    cosines = sorted(float(np.cos(match.yaw - expected)) for match in matches)
+    assert_allclose(cosines, [-1.0, 1.0], atol=1e-5)
+    (match,) = index.turned(query, 0.9, at_most=5, yaw=expected + 0.1)
+    assert_allclose(match.yaw, expected, atol=1e-3)
+    assert len(index.turned(query, 0.9, at_most=1)) == 1
+    assert index.turned(query, 0.9, at_most=5, allowed=np.array([True, False])) == []
+
+
 def test_an_empty_index_has_nothing_to_offer() -> None:
     index = ContourIndex([], SETTINGS)
     assert index.best(contour(0), 3) == []
