@@ -44,7 +44,7 @@ class StartingOdometry:
 
     def finish(self) -> list[OdometryPose]:
         """End the first stretch here, for recordings shorter than it."""
-        imu = [m for m in self._held if isinstance(m, ImuSample)]
+        imu = _increasing(self._held)
         if self.odometry is not None or len(imu) < 2:
             return []
         held, self._held = self._held, []
@@ -72,6 +72,15 @@ class StartingOdometry:
             rig.imu, tilt_std=s.start_tilt_std, velocity_std=s.start_velocity_std, g=state.g
         )
         return ErrorStateFilter(state, P, stamp_ns, rig.imu)
+
+
+def _increasing(held: list[Measurement]) -> list[ImuSample]:
+    """IMU samples without those that repeat a stamp or go back."""
+    imu: list[ImuSample] = []
+    for m in held:
+        if isinstance(m, ImuSample) and (not imu or m.stamp_ns > imu[-1].stamp_ns):
+            imu.append(m)
+    return imu
 
 
 def _usable(m: Measurement, begin_ns: int) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
+import small_gicp
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -16,6 +16,8 @@ from semmap.intersections import Intersection
 
 _COARSE_DISTANCE = 1.5
 """Pairs of the first ICP stage [m]: what the invariant point and the best yaw may be off."""
+_NEIGHBOURS = 20
+"""Points a normal of the map is estimated from."""
 _CORRELATION = 20.0
 """Neighbouring pairs share one error of map and odometry; divides the information."""
 
@@ -38,12 +40,23 @@ class Verification:
     covariance: Array
 
 
+@dataclass(frozen=True, slots=True)
+class _Target:
+    """An intersection's cloud made ready to register, and as points (n, 3) with normals (n, 3) to score against."""
+
+    cloud: small_gicp.PointCloud
+    cloud_tree: small_gicp.KdTree
+    tree: cKDTree
+    points: Array
+    normals: Array
+
+
 class Verifier:
     """Registers stacks to intersections; keeps each intersection's prepared cloud."""
 
     def __init__(self, settings: VerificationSettings) -> None:
         self.settings = settings
-        self._targets: dict[int, tuple[o3d.geometry.PointCloud, cKDTree, Array]] = {}
+        self._targets: dict[int, _Target] = {}
 
     def verify(
         self,
@@ -59,7 +72,7 @@ class Verifier:
         ``completeness`` is k_c/k_b of paper 004 Eq. 32: a partial view makes the variance larger (read as PAPERS says).
         """
         s = self.settings
-        target, tree, normals = self._target(intersection)
+        target = self._target(intersection)
         near = np.linalg.norm(points[:, :2] - p_local[:2], axis=1) < s.radius
         source = voxel_means(points[near], s.voxel)
         c, n = np.cos(yaw), np.sin(yaw)
@@ -68,13 +81,13 @@ class Verifier:
         if len(source) >= 50:
             T = self._icp(source, target, T)
         moved = transform(T, source)
-        distance, nearest = tree.query(moved, distance_upper_bound=2.0 * s.max_distance)
+        distance, nearest = target.tree.query(moved, distance_upper_bound=2.0 * s.max_distance)
         paired = np.isfinite(distance)
         surface = np.full(len(source), np.inf)
-        pair_normals = normals[nearest[paired]]
-        surface[paired] = np.abs(np.sum((moved[paired] - tree.data[nearest[paired]]) * pair_normals, axis=1))
+        mate = nearest[paired]
+        surface[paired] = np.abs(np.sum((moved[paired] - target.points[mate]) * target.normals[mate], axis=1))
         fits = surface < s.max_distance / 2.0
-        covariance = self._covariance(source[fits], normals[nearest[fits]] @ T[:3, :3], completeness)
+        covariance = self._covariance(source[fits], target.normals[nearest[fits]] @ T[:3, :3], completeness)
         return Verification(
             se3(T[:3, :3], T[:3, 3] + intersection.p_map),
             float(np.mean(fits)) if len(source) else 0.0,
@@ -83,14 +96,16 @@ class Verifier:
             covariance,
         )
 
-    def _icp(self, source: Array, target: o3d.geometry.PointCloud, T: Array) -> Array:
-        """Point-to-plane ICP, coarse then fine, with a loss that forgets what the map does not have."""
-        cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(source))
-        registration = o3d.pipelines.registration
-        for distance, iterations in ((_COARSE_DISTANCE, 15), (2.0 * self.settings.max_distance, 15)):
-            estimate = registration.TransformationEstimationPointToPlane(registration.TukeyLoss(k=distance))
-            criteria = registration.ICPConvergenceCriteria(1e-4, 1e-4, iterations)
-            T = np.array(registration.registration_icp(cloud, target, distance, T, estimate, criteria).transformation)
+    def _icp(self, source: Array, target: _Target, T: Array) -> Array:
+        """Point-to-plane ICP, coarse to fine so that what the map lacks drops out; one thread gives the same bytes."""
+        cloud = small_gicp.PointCloud(source)
+        near = self.settings.max_distance
+        for distance in (_COARSE_DISTANCE, 2.0 * near, near):
+            result = small_gicp.align(
+                target.cloud, cloud, target.cloud_tree, T, registration_type="PLANE_ICP",
+                max_correspondence_distance=distance, num_threads=1, max_iterations=10,
+            )  # fmt: skip
+            T = np.array(result.T_target_source)
         return T
 
     def _covariance(self, points: Array, normals: Array, completeness: float) -> Array:
@@ -104,11 +119,12 @@ class Verifier:
         covariance: Array = np.linalg.inv(information + np.eye(6))
         return covariance
 
-    def _target(self, intersection: Intersection) -> tuple[o3d.geometry.PointCloud, cKDTree, Array]:
+    def _target(self, intersection: Intersection) -> _Target:
         if intersection.id not in self._targets:
-            thinned = voxel_means(intersection.cloud, self.settings.voxel / 2.0)
-            cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(thinned))
-            cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(radius=3.0 * self.settings.voxel, max_nn=30))
-            normals = np.asarray(cloud.normals).copy()
-            self._targets[intersection.id] = (cloud, cKDTree(thinned), normals)
+            points = voxel_means(intersection.cloud, self.settings.voxel / 2.0)
+            cloud = small_gicp.PointCloud(points)
+            cloud_tree = small_gicp.KdTree(cloud)
+            small_gicp.estimate_normals(cloud, cloud_tree, num_neighbors=_NEIGHBOURS)
+            normals = np.array(cloud.normals())[:, :3]
+            self._targets[intersection.id] = _Target(cloud, cloud_tree, cKDTree(points), points, normals)
         return self._targets[intersection.id]
