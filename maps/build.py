@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from maps.describe import Neighbourhoods, contour_at, thinned
+from maps.describe import Neighbourhoods, contour_at, on_floor, thinned
 from maps.free_space import FreeSpace, split_ground_and_walls
 from maps.graph import roadway_graph
 from maps.intersections import Crossing, find_intersections
@@ -68,12 +68,13 @@ def _intersection(
 ) -> Intersection:
     reach = max(settings.cloud_radius, settings.contour.radius + settings.contour.wall_depth)
     around = neighbourhoods.around(crossing.p, reach)
+    kept = around[np.hypot(*(around - crossing.p)[:, :2].T) < settings.cloud_radius]
     return Intersection(
         id=number,
         p_map=crossing.p + prior.origin,
         kind=crossing.kind,
         branch_bearings=np.array([branch.bearing for branch in crossing.branches]),
         branch_widths=np.array([branch.width for branch in crossing.branches]),
-        contour=contour_at(crossing.p, around, space, settings.contour),
-        cloud=thinned(around - crossing.p, settings.cloud_voxel),
+        contour=contour_at(crossing.p, on_floor(around, space), space, settings.contour),
+        cloud=thinned(kept - crossing.p, settings.cloud_voxel),
     )

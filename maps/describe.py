@@ -15,13 +15,19 @@ from semmap.intersections import WallContour
 _BELOW_M, _ABOVE_M = 3.0, 10.0
 
 
-def contour_at(p: Array, points: Points, space: FreeSpace, settings: ContourSettings) -> WallContour:
-    """Wall contours as seen from ``p`` (3,) in free space; the cloud (n, 3) around it gives the CWC its heights."""
+def on_floor(points: Points, space: FreeSpace) -> Array:
+    """The points (n, 3) with their height above the floor in place of z."""
+    return np.column_stack([points[:, :2], points[:, 2] - space.ground.at(points[:, :2])])
+
+
+def contour_at(p: Array, surface: Array, space: FreeSpace, settings: ContourSettings) -> WallContour:
+    """Wall contours as seen from ``p`` (3,) in free space.
+
+    surface : (n, 3) the points around it, x, y and height above the floor, see `on_floor`.
+    """
     angles = ray_angles(settings)
     sight = space.sight(np.repeat(p[None, :2], len(angles), axis=0), angles, settings.radius)
-    height = points[:, 2] - space.ground.at(points[:, :2])
-    surface = np.column_stack([points[:, :2] - p[:2], height])
-    return wall_contour(surface, sight.distance, sight.at_wall, settings)
+    return wall_contour(surface - [p[0], p[1], 0.0], sight.distance, sight.at_wall, settings)
 
 
 def thinned(points: Points, voxel: float) -> NDArray[np.float32]:

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maps.describe import contour_at
+from maps.describe import contour_at, on_floor
 from maps.free_space import FreeSpace, View, free_space_of_views
-from maps.grid import Points
 from maps.intersections import Crossing, find_alternatives
 from maps.settings import MapSettings
 from maps.topology import roadway_topology
@@ -56,21 +55,21 @@ def observe_intersections(
     except CloudError:
         return []
     crossings = find_alternatives(roadway_topology(space, settings.topology), space, settings.topology)
-    points = np.concatenate([view.points for view in views])
+    surface = on_floor(np.concatenate([view.points for view in views]), space)
     sensors = np.array([view.p_sensor[:2] for view in views])
     near = [one for one in crossings if _distance(one.p, sensors).min() < settings.observe_range]
-    seen = [_observed(one, points, space, settings) for one in near]
+    seen = [_observed(one, surface, space, settings) for one in near]
     return sorted(seen, key=lambda one: -one.quality)
 
 
-def _distance(p: Array, xy: Points) -> Array:
+def _distance(p: Array, xy: Array) -> Array:
     """Horizontal distances (n,) [m] of points (n, 2 or 3) from ``p`` (3,)."""
     return np.asarray(np.hypot(xy[:, 0] - p[0], xy[:, 1] - p[1]), dtype=np.float64)
 
 
-def _observed(crossing: Crossing, points: Points, space: FreeSpace, settings: MapSettings) -> ObservedIntersection:
+def _observed(crossing: Crossing, surface: Array, space: FreeSpace, settings: MapSettings) -> ObservedIntersection:
     reach = settings.contour.radius + settings.contour.wall_depth
-    contour = contour_at(crossing.p, points[_distance(crossing.p, points) < reach], space, settings.contour)
+    contour = contour_at(crossing.p, surface[_distance(crossing.p, surface) < reach], space, settings.contour)
     return ObservedIntersection(
         p=crossing.p,
         kind=crossing.kind,

@@ -110,13 +110,14 @@ def test_two_builds_are_equal(ladder: SemanticMap) -> None:
 
 
 def test_settings_and_sources_are_kept_and_progress_is_told() -> None:
-    settings = MapSettings(cloud_voxel=0.3)
+    settings = MapSettings(cloud_voxel=0.3, cloud_radius=6.0)
     calls: list[tuple[int, int]] = []
     semantic_map = build_semantic_map(
         prior(LADDER.cloud(0.2)), settings, progress=lambda done, total: calls.append((done, total))
     )
     assert MapSettings.model_validate(dict(semantic_map.settings)) == settings
     assert semantic_map.sources == {"mine.ply": "0" * 64}
+    assert all(np.hypot(*i.cloud[:, :2].T).max() < 6.0 for i in semantic_map.intersections)
     assert calls[0][0] == 0
     assert calls[-1][0] == calls[-1][1]
 
