@@ -92,9 +92,7 @@ def _correlated(a: Array, b: Array) -> Array:
 class ScanContextIndex:
     """Contexts of a map, searched by ring key first and in full after, as in the paper."""
 
-    def __init__(
-        self, contexts: Sequence[NDArray[np.float32]], settings: ScanContextSettings | None = None
-    ) -> None:
+    def __init__(self, contexts: Sequence[NDArray[np.float32]], settings: ScanContextSettings | None = None) -> None:
         self._settings = settings or ScanContextSettings()
         self._contexts = tuple(contexts)
         self._keys = np.array([ring_key(context) for context in contexts]).reshape(-1, self._settings.rings)

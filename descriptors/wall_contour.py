@@ -23,9 +23,7 @@ def ray_angles(settings: ContourSettings) -> Array:
     return np.asarray(2.0 * np.pi * (np.arange(rays) + 0.5) / rays)
 
 
-def wall_contour(
-    surface: Array, distance: Array, at_wall: NDArray[np.bool_], settings: ContourSettings
-) -> WallContour:
+def wall_contour(surface: Array, distance: Array, at_wall: NDArray[np.bool_], settings: ContourSettings) -> WallContour:
     """PWCV and CWC of a place.
 
     surface : (n, 3) points around the place: x, y relative to it, and height above the floor [m].

@@ -10,6 +10,8 @@ import numpy as np
 from localize.settings import GraphSettings
 from semmap.geometry import Array, inverse
 
+_VAGUE_RAD, _VAGUE_M = 0.5, 30.0
+
 
 @dataclass(frozen=True, slots=True)
 class _RelativePose:
@@ -73,6 +75,9 @@ class PoseGraph:
         self.pins = 0
         self._values.insert(_X(0), gtsam.Pose3(T_map_odom @ self._T_odom[0]))
         self._insert_vertical(0)
+        # says next to nothing, but the first pins may leave a direction open, and the system must have a solution
+        vague = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([_VAGUE_RAD, _VAGUE_M], 3))
+        self._new.add(gtsam.PriorFactorPose3(_X(0), gtsam.Pose3(T_map_odom @ self._T_odom[0]), vague))
         for index in range(1, len(self._T_odom)):
             self._insert_link(index, T_map_odom @ self._T_odom[index])
 

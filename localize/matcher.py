@@ -91,19 +91,16 @@ class IntersectionMatcher:
         self._unconfirmed: deque[tuple[Array, Pin]] = deque(maxlen=20)
         self._contradictions: list[Pin] = []
 
-    def recognise(
-        self, stack: Stack, keyframe: Keyframe, T_map_odom: Array | None, position_std: float
-    ) -> Recognition:
+    def recognise(self, stack: Stack, keyframe: Keyframe, T_map_odom: Array | None, position_std: float) -> Recognition:
         """The nine steps for one keyframe; ``T_map_odom`` and its standard deviation [m] where the map is known."""
         views = [View(cloud, sensor) for cloud, sensor in zip(stack.clouds, stack.sensors, strict=True)]
         observed = observe_intersections(views, self._map_settings)  # steps 1 and 2
         pins: list[Pin] = []
         events: list[Event] = []
         contradicts = False
-        for observation in observed:
+        looks = self._best_readings([_Look(one, stack, keyframe) for one in observed], T_map_odom, position_std)
+        for look, matches in looks:
             event: Event = {"stamp_ns": keyframe.stamp_ns, "kind": "intersection", "keyframe": keyframe.index}
-            look = _Look(observation, stack, keyframe)
-            matches = self._candidates(look, T_map_odom, position_std)  # steps 3 to 6
             pin, reason = self._decide(look, matches, event)  # steps 7 to 9
             if pin is not None:
                 accepted, contradiction, reason = self._accept(pin, keyframe, T_map_odom, position_std)
@@ -112,7 +109,21 @@ class IntersectionMatcher:
                 event["accepted"] = bool(accepted)
             event.setdefault("accepted", False)
             events.append({**event, "reason": reason})
-        return Recognition(len(observed), tuple(pins), contradicts, tuple(events))
+        return Recognition(len(looks), tuple(pins), contradicts, tuple(events))
+
+    def _best_readings(
+        self, looks: list[_Look], T_map_odom: Array | None, position_std: float
+    ) -> list[tuple[_Look, list[Match]]]:
+        """Each place once, with its candidates (steps 3 to 6): of readings that share parts the one most alike."""
+        read = [(look, self._candidates(look, T_map_odom, position_std)) for look in looks]
+        read.sort(key=lambda pair: max((match.pwcv for match in pair[1]), default=0.0), reverse=True)
+        taken: set[int] = set()
+        best = []
+        for look, matches in read:
+            if taken.isdisjoint(look.observation.parts):
+                taken |= look.observation.parts
+                best.append((look, matches))
+        return best
 
     def _candidates(self, look: _Look, T_map_odom: Array | None, position_std: float) -> list[Match]:
         """Intersections that look alike, best CWC first (steps 3 to 6); near the expected place where that is known."""

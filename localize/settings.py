@@ -54,7 +54,7 @@ class KeyframeSettings(Settings):
 class MatcherSettings(Settings):
     """From an observed intersection to one of the database (paper 004 section 3.2, steps 3 to 8)."""
 
-    min_pwcv: float = Field(0.6, ge=0.0, le=1.0)
+    min_pwcv: float = Field(0.7, ge=0.0, le=1.0)
     """Least PWCV similarity of a candidate, ε_pwcv."""
     candidates: PositiveInt = 5
     """Candidates that go on to the CWC comparison, at the most."""

@@ -68,9 +68,7 @@ class StartingOdometry:
             T_imu_wheel=rig.wheel.T_imu_wheel if rig.wheel else np.eye(4),
             T_odom_clone=np.eye(4),
         )  # fmt: skip
-        P = start_covariance(
-            rig.imu, tilt_std=s.start_tilt_std, velocity_std=s.start_velocity_std, g=state.g
-        )
+        P = start_covariance(rig.imu, tilt_std=s.start_tilt_std, velocity_std=s.start_velocity_std, g=state.g)
         return ErrorStateFilter(state, P, stamp_ns, rig.imu)
 
 

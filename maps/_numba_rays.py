@@ -10,9 +10,7 @@ UNKNOWN, FREE, WALL = 0, 1, 2
 
 
 @numba.njit(cache=True)
-def mark_seen(
-    free: NDArray[np.bool_], wall: NDArray[np.bool_], x: float, y: float, reach: NDArray[np.float64]
-) -> None:
+def mark_seen(free: NDArray[np.bool_], wall: NDArray[np.bool_], x: float, y: float, reach: NDArray[np.float64]) -> None:
     """Mark the cells that rays from (x, y) cross before a wall or before they end, all in cells.
 
     reach : (n,) length of the rays, which leave at equal angles, the first along x. ``free`` is written to.

@@ -16,9 +16,7 @@ from semmap.intersections import RoadwayGraph
 _AXIS_STEP_M = 1.0
 
 
-def roadway_graph(
-    topology: Topology, crossings: Sequence[Crossing], space: FreeSpace, origin: Array
-) -> RoadwayGraph:
+def roadway_graph(topology: Topology, crossings: Sequence[Crossing], space: FreeSpace, origin: Array) -> RoadwayGraph:
     """Graph whose first nodes are the intersections, in their order, and the others dead ends and halls.
 
     origin : (3,) added to every position to come to the map frame.

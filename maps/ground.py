@@ -70,9 +70,7 @@ def _lower_envelope(low: Array, cell: float, slope: float) -> Array:
     """Highest surface below ``low`` that rises by at most ``slope`` within a few metres."""
     reach = np.arange(-int(_ENVELOPE_RADIUS_M / cell), int(_ENVELOPE_RADIUS_M / cell) + 1) * cell
     distance = np.hypot(*np.meshgrid(reach, reach, indexing="ij"))
-    return np.asarray(
-        ndimage.grey_erosion(low, footprint=distance <= _ENVELOPE_RADIUS_M, structure=-slope * distance)
-    )
+    return np.asarray(ndimage.grey_erosion(low, footprint=distance <= _ENVELOPE_RADIUS_M, structure=-slope * distance))
 
 
 def _stands_upright(points: Points, grid: Grid, low: Array) -> NDArray[np.bool_]:

@@ -41,9 +41,7 @@ class ObservedIntersection:
     parts: frozenset[int]
 
 
-def observe_intersections(
-    views: Sequence[View], settings: MapSettings | None = None
-) -> list[ObservedIntersection]:
+def observe_intersections(views: Sequence[View], settings: MapSettings | None = None) -> list[ObservedIntersection]:
     """Intersections near a few stacked keyframes, the best seen first.
 
     views : deskewed keyframe clouds in one gravity-aligned frame (z up, any yaw, any origin near them).

@@ -12,9 +12,7 @@ from maps.roadways import Roadway
 from maps.settings import TopologySettings
 
 
-def pruned(
-    roads: Iterable[Roadway], open_ends: frozenset[int], settings: TopologySettings
-) -> tuple[Roadway, ...]:
+def pruned(roads: Iterable[Roadway], open_ends: frozenset[int], settings: TopologySettings) -> tuple[Roadway, ...]:
     """The roadways without dead ends that are niches of the wall, the shortest taken first."""
     graph = _Graph(roads)
     queue = [(road.length, number) for number, road in graph.roads.items() if graph.is_spur(road)]

@@ -55,9 +55,7 @@ def _yaml_problem(reason: yaml.YAMLError) -> str:
     return str(reason).splitlines()[0]
 
 
-def validate(
-    model: type[Model], data: dict[str, Any], *, file: str | Path | None, error: type[SemmapError]
-) -> Model:
+def validate(model: type[Model], data: dict[str, Any], *, file: str | Path | None, error: type[SemmapError]) -> Model:
     """``model`` from plain data; the first problem becomes one ``error`` with file, field and mend."""
     try:
         return model.model_validate(data)

@@ -49,10 +49,11 @@ def test_no_map_frame_before_it_is_anchored():
 def test_one_exact_pin_places_the_whole_track():
     truth = drive()
     graph = graph_of(odometry(truth))
-    graph.anchor(truth[20])  # a poor first guess
+    graph.anchor(truth[0] @ se3_exp([0.02, -0.01, 0.1, 0.5, -0.5, 0.3]))  # a poor first guess
     graph.pin_pose(20, truth[20], PIN)
     graph.solve(steps=4)
-    np.testing.assert_allclose(graph.poses(), truth, atol=1e-5)
+    # the vague prior on a guess 0.8 m and 6 degrees off pulls by less than a millimetre
+    np.testing.assert_allclose(graph.poses(), truth, atol=1e-3)
 
 
 def test_keyframes_after_the_anchor_continue_the_track():
@@ -90,6 +91,18 @@ def test_ranges_to_anchors_place_the_track():
             graph.pin_range(k, lever, anchor, p, distance, 0.05)
     graph.solve(steps=8)
     np.testing.assert_allclose(graph.poses()[:, :3, 3], truth[:, :3, 3], atol=2e-2)
+
+
+def test_one_range_alone_leaves_the_guess_where_it_was():
+    """Nearly everything is open, and yet there is a solution."""
+    truth = drive(5)
+    graph = graph_of(odometry(truth))
+    graph.anchor(truth[0])
+    anchor = truth[2, :3, 3] + [0.0, 3.0, 0.0]
+    graph.pin_range(2, np.zeros(3), 7, anchor, 3.0, 0.05)
+    graph.solve()
+    np.testing.assert_allclose(graph.poses(), truth, atol=1e-3)
+    assert np.sqrt(graph.covariance(4)[3:, 3:].max()) > 1.0
 
 
 def test_one_wrong_pin_among_right_ones_is_held_down():
