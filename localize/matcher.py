@@ -15,8 +15,10 @@ from localize.verification import Verification, Verifier
 from maps.free_space import View
 from maps.observe import ObservedIntersection, observe_intersections
 from maps.settings import MapSettings
+from semmap.errors import DatabaseError
 from semmap.geometry import Array, adjoint, inverse, rotation_angle, se3, transform, yaw_of
 from semmap.intersections import SemanticMap
+from semmap.settings import validate
 
 _SAME_PLACE_M = 4.0
 """Observations closer than this in odom are of one intersection."""
@@ -84,7 +86,7 @@ class IntersectionMatcher:
         self._origin = origin
         self._intersections = semantic_map.intersections
         self._p_map = np.array([i.p_map - origin for i in self._intersections]).reshape(-1, 3)
-        self._map_settings = MapSettings.model_validate(dict(semantic_map.settings))
+        self._map_settings = validate(MapSettings, dict(semantic_map.settings), file=None, error=DatabaseError)
         self._index = ContourIndex([i.contour for i in self._intersections], self._map_settings.contour)
         self._verifier = Verifier(settings.verification)
         self._sights: list[_Sight] = []
@@ -184,6 +186,8 @@ class IntersectionMatcher:
             id=self._id(best), fit=round(verification.fit, 4), icp_distance_m=round(verification.icp_distance, 4),
             runner_up_fit=round(rival, 4), completeness=round(best.completeness, 3),
         )  # fmt: skip
+        if verification.points < v.min_points:
+            return None, "too few points to compare"
         if verification.fit < v.min_fit:
             return None, "too few points fit the map"
         if verification.icp_distance > v.max_icp_distance:

@@ -72,6 +72,9 @@ class VerificationSettings(Settings):
     radius: PositiveFloat = 12.0
     """Points around the intersection that are compared [m]."""
     voxel: PositiveFloat = 0.25
+    """Points are averaged over voxels of this edge before they are compared [m]."""
+    min_points: PositiveInt = 300
+    """Fewer points prove nothing."""
     max_distance: PositiveFloat = 0.3
     """A point further than this from the map does not fit [m]."""
     min_fit: float = Field(0.85, ge=0.0, le=1.0)

@@ -9,6 +9,7 @@ import pytest
 from localize import Localizer
 from maps.build import build_semantic_map
 from maps.prior_map import PriorMap
+from semmap.errors import DatabaseError
 from semmap.geometry import inverse, se3_log
 from semmap.measurements import ImuSample, Scan, UwbRange, WheelSpeed
 from tools.simulator import SimulationSettings, default_rig, fly, scenario, simulate_measurements
@@ -161,6 +162,13 @@ def test_ranges_of_an_unknown_anchor_are_counted_and_left_out():
     strange = [UwbRange(measurements[0].stamp_ns + k * 10**8, 77, 5.0) for k in range(1, 20)]
     result, _ = localize(rig, [*measurements[:3000], *strange])
     assert result.summary["unknown_anchors"] == [77]
+
+
+def test_a_map_made_with_settings_unknown_here_is_refused():
+    """Descriptors of other settings do not compare."""
+    strange = replace(semantic_map("demo", 1), settings={"contour": {"sector": 60}})
+    with pytest.raises(DatabaseError, match="sectors"):
+        Localizer(default_rig(), strange)
 
 
 def test_a_recording_too_short_to_start_gives_an_empty_result():
