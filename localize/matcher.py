@@ -37,6 +37,7 @@ class Pin:
     T_map_imu: Array
     T_map_odom: Array
     covariance: Array
+    fit: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +206,8 @@ class IntersectionMatcher:
         g = self.settings.graph
         floor = np.diag(np.repeat([g.pin_rotation, g.pin_position], 3) ** 2)
         covariance = carried @ verification.covariance @ carried.T + floor
-        return Pin(keyframe.index, self._id(best), T_map_odom @ keyframe.T_odom_imu, T_map_odom, covariance)
+        T_map_imu = T_map_odom @ keyframe.T_odom_imu
+        return Pin(keyframe.index, self._id(best), T_map_imu, T_map_odom, covariance, verification.fit)
 
     def _id(self, match: Match) -> int:
         return self._intersections[match.row].id
@@ -223,11 +225,16 @@ class IntersectionMatcher:
             return [], len(self._contradictions) > 1, "fits, but contradicts the track"
         for p_other, other in self._unconfirmed:
             apart = np.linalg.norm(p_other - p_odom) > _APART_M
-            if apart and self._agree(pin.T_map_odom, other.T_map_odom, p_odom, 0.0):
+            if apart and self._distinct(pin, other) and self._agree(pin.T_map_odom, other.T_map_odom, p_odom, 0.0):
                 self._unconfirmed.clear()
                 return [other, pin], False, "fits, and a second view agrees"
         self._unconfirmed.append((p_odom, pin))
         return [], False, "fits; waiting for a second view to agree"
+
+    def _distinct(self, pin: Pin, other: Pin) -> bool:
+        """Whether two views prove a place: one look-alike fits twice, so a middling fit takes two."""
+        sure = min(pin.fit, other.fit) >= self.settings.verification.sure_fit
+        return sure or pin.intersection != other.intersection
 
     def _agree(self, T_a: Array, T_b: Array, p_odom: Array, slack: float) -> bool:
         here = np.linalg.norm(transform(T_a, p_odom[None]) - transform(T_b, p_odom[None]))

@@ -79,6 +79,8 @@ class VerificationSettings(Settings):
     """A point further than this from the map does not fit [m]."""
     min_fit: float = Field(0.85, ge=0.0, le=1.0)
     """Least part of the points that fits."""
+    sure_fit: float = Field(0.985, ge=0.0, le=1.0)
+    """Below this the first proof takes two intersections: the true one may be missing, and this one only be like it."""
     min_lead: float = Field(0.08, ge=0.0, le=1.0)
     """Least lead of the fit over the best other place."""
     max_icp_distance: PositiveFloat = 0.15
