@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from localize._numba_propagation import deskew, propagate
 from localize.state import ACCEL_BIAS, CLONE, ERROR_DIM, GRAVITY, GYRO_BIAS, POSITION, ROTATION, VELOCITY, NavState
-from semmap.geometry import Array, se3
+from semmap.geometry import Array, se3, skew
 from semmap.rig import ImuBlock
 
 
@@ -152,13 +152,9 @@ class ErrorStateFilter:
         J[:3, CLONE.start : CLONE.start + 3] = -R_rel.T
         J[3:, POSITION] = self.state.R.T
         J[3:, CLONE.start + 3 : CLONE.stop] = -self.state.R.T
-        J[3:, CLONE.start : CLONE.start + 3] = R_rel.T @ _skew(p_clone)
+        J[3:, CLONE.start : CLONE.start + 3] = R_rel.T @ skew(p_clone)
         covariance: Array = J @ self.P @ J.T
         return covariance
-
-
-def _skew(v: Array) -> Array:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def start_covariance(imu: ImuBlock, *, tilt_std: float, velocity_std: float, g: Array) -> Array:

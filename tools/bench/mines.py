@@ -8,7 +8,6 @@ A row a flight: localized with its own mine's map, then with another mine's, whe
 from __future__ import annotations
 
 import argparse
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +19,7 @@ from semmap.intersections import SemanticMap
 from semmap.measurements import Measurement
 from semmap.rig import Rig
 from semmap.trajectory import Trajectory
+from tools.run import stream
 from tools.simulator import Mine, SimulationSettings, fly, scenario, simulate_measurements
 
 NAMES = ("demo", "ramp", "drift", "random", "grid")
@@ -79,14 +79,8 @@ def map_of(mine: Mine, seed: int) -> SemanticMap:
 
 def localized(rig: Rig, measurements: list[Measurement], there: SemanticMap) -> tuple[LocalizationResult, list[float]]:
     """The result, and what each scan cost [ms]."""
-    localizer, costs, cost = Localizer(rig, there), [], 0.0
-    for measurement in measurements:
-        started = time.perf_counter()
-        update = localizer.add(measurement)
-        cost += time.perf_counter() - started
-        if update is not None:
-            costs.append(1e3 * cost)
-            cost = 0.0
+    localizer = Localizer(rig, there)
+    costs = stream(localizer, measurements)
     return localizer.finish(), costs
 
 
