@@ -69,12 +69,14 @@ def _intersection(
     reach = max(settings.cloud_radius, settings.contour.radius + settings.contour.wall_depth)
     around = neighbourhoods.around(crossing.p, reach)
     kept = around[np.hypot(*(around - crossing.p)[:, :2].T) < settings.cloud_radius]
+    contour = contour_at(crossing.p, on_floor(around, space), space, settings.contour)
     return Intersection(
         id=number,
         p_map=crossing.p + prior.origin,
         kind=crossing.kind,
         branch_bearings=np.array([branch.bearing for branch in crossing.branches]),
         branch_widths=np.array([branch.width for branch in crossing.branches]),
-        contour=contour_at(crossing.p, on_floor(around, space), space, settings.contour),
+        quality=float(contour.cwc_observed.mean()),
+        contour=contour,
         cloud=thinned(kept - crossing.p, settings.cloud_voxel),
     )

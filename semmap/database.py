@@ -1,16 +1,20 @@
 """The semantic database file: a `SemanticMap` as HDF5, column by column.
 
-The only file that knows h5py. Layout of schema version 1 (i intersections, b branches, e roadways)::
+The only file that knows h5py. Layout of schema version 2 (i intersections, b branches, e roadways)::
 
     /                     attributes format, schema_version, frame, origin (3,), crs (absent where unknown),
                           sources and settings (JSON)
     /intersections/       id (i,), p_map (i, 3), kind (i,), branch_offsets (i+1,), branch_bearings (b,),
-                          branch_widths (b,), pwcv (i, sectors), pwcv_observed, cwc (i, layers, sectors),
+                          branch_widths (b,), quality (i,), pwcv (i, sectors), pwcv_observed, cwc (i, layers, sectors),
                           cwc_observed, cloud_offsets (i+1,), cloud_points (n, 3)
-    /roadways/            node_p_map (k, 3), node_intersection (k,), edge_nodes (e, 2), edge_length (e,),
-                          edge_width (e,), axis_offsets (e+1,), axis_points (m, 3)
+    /roadways/            node_p_map (k, 3), node_intersection (k,), node_kind (k,), edge_nodes (e, 2),
+                          edge_length (e,), edge_width (e,), edge_height (e,), edge_slope (e,),
+                          axis_offsets (e+1,), axis_points (m, 3), axis_profile (m, 2)
 
 What belongs to row ``r`` of a ragged column lies in ``[offsets[r], offsets[r + 1])``.
+
+Version 1 had no quality, node_kind, edge_height, edge_slope and axis_profile. It is read with the quality counted from
+the masks, nodes that are no intersections as dead ends, slopes from the axes, heights and profiles unknown (0).
 """
 
 from __future__ import annotations
@@ -28,10 +32,18 @@ from numpy.typing import NDArray
 from semmap.errors import DatabaseError
 from semmap.files import written_whole
 from semmap.geometry import Array
-from semmap.intersections import KINDS, Intersection, RoadwayGraph, SemanticMap, WallContour
+from semmap.intersections import (
+    KINDS,
+    NODE_KINDS,
+    Intersection,
+    RoadwayGraph,
+    SemanticMap,
+    WallContour,
+    axis_slope,
+)
 
 FORMAT = "semmap-database"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 _CHUNK_ROWS = 16384
 _KIND_BYTES = 16
@@ -80,6 +92,7 @@ def _write_intersections(group: Any, places: Sequence[Intersection]) -> None:
     _write(group, "kind", np.array([place.kind.encode() for place in places], f"S{_KIND_BYTES}"))
     _write_ragged(group, "branch", "bearings", [place.branch_bearings for place in places], np.float64, ())
     _write(group, "branch_widths", _joined([place.branch_widths for place in places], np.float64, ()))
+    _write(group, "quality", np.array([place.quality for place in places], np.float64))
     for name, dtype, dimensions in _CONTOUR_COLUMNS:
         rows = [getattr(place.contour, name) for place in places]
         _write(group, name, np.array(rows, dtype) if rows else np.empty((0,) * (dimensions + 1), dtype))
@@ -89,10 +102,14 @@ def _write_intersections(group: Any, places: Sequence[Intersection]) -> None:
 def _write_roadways(group: Any, roadways: RoadwayGraph) -> None:
     _write(group, "node_p_map", np.asarray(roadways.node_p_map, np.float64).reshape(-1, 3))
     _write(group, "node_intersection", np.asarray(roadways.node_intersection, np.int64))
+    _write(group, "node_kind", np.char.encode(roadways.node_kind, "ascii").astype(f"S{_KIND_BYTES}"))
     _write(group, "edge_nodes", np.asarray(roadways.edge_nodes, np.int64).reshape(-1, 2))
     _write(group, "edge_length", np.asarray(roadways.edge_length, np.float64))
     _write(group, "edge_width", np.asarray(roadways.edge_width, np.float64))
+    _write(group, "edge_height", np.asarray(roadways.edge_height, np.float64))
+    _write(group, "edge_slope", np.asarray(roadways.edge_slope, np.float64))
     _write_ragged(group, "axis", "points", roadways.edge_axes, np.float64, (3,))
+    _write(group, "axis_profile", _joined(roadways.edge_profiles, np.float64, (2,)))
 
 
 def _write_ragged(
@@ -137,9 +154,9 @@ def load(path: str | Path) -> SemanticMap:
 
 
 def _read_map(file: Any) -> SemanticMap:
-    _check_identity(file)
-    intersections = _read_intersections(_Group(file, "intersections"))
-    roadways = _read_roadways(_Group(file, "roadways"), {place.id for place in intersections})
+    version = _read_version(file)
+    intersections = _read_intersections(_Group(file, "intersections"), version)
+    roadways = _read_roadways(_Group(file, "roadways"), {place.id for place in intersections}, version)
     return SemanticMap(
         intersections=intersections,
         roadways=roadways,
@@ -171,15 +188,16 @@ def _opened(path: str | Path) -> Iterator[Any]:
         raise DatabaseError(f"is damaged ({text})", mend=f"copy it again or {_REBUILD}") from None
 
 
-def _check_identity(file: Any) -> None:
+def _read_version(file: Any) -> int:
     if "format" not in file.attrs or _read_text(file, "format") != FORMAT:
         raise DatabaseError("is an HDF5 file, but not a semantic database")
     version = file.attrs.get("schema_version")
     if not isinstance(version, np.integer):
         raise DatabaseError("is not a whole number", field="schema_version")
-    if version != SCHEMA_VERSION:
-        what = f"is of schema version {version}, this program reads {SCHEMA_VERSION}"
+    if not 1 <= version <= SCHEMA_VERSION:
+        what = f"is of schema version {version}, this program reads 1 to {SCHEMA_VERSION}"
         raise DatabaseError(what, field="schema_version")
+    return int(version)
 
 
 def _read_text(file: Any, name: str) -> str:
@@ -257,23 +275,35 @@ _CONTOUR_COLUMNS = (
 )
 
 
-def _read_intersections(group: _Group) -> tuple[Intersection, ...]:
+def _read_intersections(group: _Group, version: int) -> tuple[Intersection, ...]:
     ids = group.column("id", np.int64, (None,))
     n = len(ids)
     if len(np.unique(ids)) != n or (ids < 0).any():
         raise group.fault("id", "holds an id twice, or a negative one")
     p_map = group.column("p_map", np.float64, (n, 3))
-    kinds = [kind.decode("ascii", "replace") for kind in group.column("kind", f"S{_KIND_BYTES}", (n,))]
+    kinds = _read_kinds(group, "kind", n, KINDS)
     bearings = group.ragged("branch", "bearings", np.float64, n, ())
     widths = _split_like(bearings, group.column("branch_widths", np.float64, (sum(map(len, bearings)),)))
     contours = _read_contours(group, n)
     clouds = group.ragged("cloud", "points", np.float32, n, (3,))
     _check_branches(group, bearings, widths)
-    if unknown := set(kinds) - set(KINDS):
-        raise group.fault("kind", f"holds {unknown.pop()!r}, which is none of {', '.join(KINDS)}")
-    return tuple(
-        Intersection(int(ids[k]), p_map[k], kinds[k], bearings[k], widths[k], contours[k], clouds[k]) for k in range(n)
-    )
+    quality = _read_quality(group, n) if version > 1 else [float(c.cwc_observed.mean()) for c in contours]
+    rows = zip(ids.tolist(), p_map, kinds, bearings, widths, quality, contours, clouds, strict=True)
+    return tuple(Intersection(*row) for row in rows)
+
+
+def _read_kinds(group: _Group, name: str, n: int, known: Sequence[str]) -> list[str]:
+    kinds = [kind.decode("ascii", "replace") for kind in group.column(name, f"S{_KIND_BYTES}", (n,))]
+    if unknown := set(kinds) - set(known):
+        raise group.fault(name, f"holds {unknown.pop()!r}, which is none of {', '.join(known)}")
+    return kinds
+
+
+def _read_quality(group: _Group, n: int) -> list[float]:
+    quality = group.column("quality", np.float64, (n,))
+    if ((quality < 0.0) | (quality > 1.0)).any():
+        raise group.fault("quality", "is not between 0 and 1")
+    return list(quality.tolist())
 
 
 def _split_like(rows: Sequence[NDArray[Any]], values: NDArray[Any]) -> list[NDArray[Any]]:
@@ -298,7 +328,7 @@ def _read_contours(group: _Group, n: int) -> list[WallContour]:
     return [WallContour(**{name: values[k] for name, values in columns.items()}) for k in range(n)]
 
 
-def _read_roadways(group: _Group, ids: set[int]) -> RoadwayGraph:
+def _read_roadways(group: _Group, ids: set[int], version: int) -> RoadwayGraph:
     node_p_map = group.column("node_p_map", np.float64, (None, 3))
     node_intersection = group.column("node_intersection", np.int64, (len(node_p_map),))
     if not set(node_intersection.tolist()) <= ids | {-1}:
@@ -307,11 +337,39 @@ def _read_roadways(group: _Group, ids: set[int]) -> RoadwayGraph:
     if ((edge_nodes < 0) | (edge_nodes >= len(node_p_map))).any():
         raise group.fault("edge_nodes", "names a node that is not there")
     n = len(edge_nodes)
-    length, width = (
-        group.column("edge_length", np.float64, (n,)),
-        group.column("edge_width", np.float64, (n,)),
+    axes = tuple(group.ragged("axis", "points", np.float64, n, (3,)))
+    if version > 1:
+        kinds = _read_node_kinds(group, node_intersection)
+        height = _read_lengths(group, "edge_height", (n,))
+        slope = group.column("edge_slope", np.float64, (n,))
+        profile = _read_lengths(group, "axis_profile", (sum(map(len, axes)), 2))
+    else:
+        kinds = np.where(node_intersection < 0, "dead_end", "intersection")
+        height, slope = np.zeros(n), np.array([axis_slope(axis) for axis in axes])
+        profile = np.zeros((sum(map(len, axes)), 2))
+    return RoadwayGraph(
+        node_p_map=node_p_map,
+        node_intersection=node_intersection,
+        node_kind=kinds,
+        edge_nodes=edge_nodes,
+        edge_length=_read_lengths(group, "edge_length", (n,)),
+        edge_width=_read_lengths(group, "edge_width", (n,)),
+        edge_height=height,
+        edge_slope=slope,
+        edge_axes=axes,
+        edge_profiles=tuple(_split_like(axes, profile)),
     )
-    if (length < 0).any() or (width < 0).any():
-        raise group.fault("edge_length", "or edge_width holds a negative number")
-    axes = group.ragged("axis", "points", np.float64, n, (3,))
-    return RoadwayGraph(node_p_map, node_intersection, edge_nodes, length, width, tuple(axes))
+
+
+def _read_node_kinds(group: _Group, node_intersection: NDArray[np.int64]) -> NDArray[np.str_]:
+    kinds = np.array(_read_kinds(group, "node_kind", len(node_intersection), NODE_KINDS), dtype=np.str_)
+    if ((kinds == "intersection") != (node_intersection >= 0)).any():
+        raise group.fault("node_kind", "does not agree with node_intersection")
+    return kinds
+
+
+def _read_lengths(group: _Group, name: str, shape: tuple[int | None, ...]) -> Array:
+    lengths = group.column(name, np.float64, shape)
+    if (lengths < 0).any():
+        raise group.fault(name, "holds a negative number")
+    return lengths

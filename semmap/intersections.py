@@ -14,6 +14,10 @@ from semmap.geometry import Array
 KINDS = ("L", "T", "Y", "X", "multi")
 """Kinds of intersections: a bend, three roadways at right angles or not, four, and more than four."""
 
+NODE_KINDS = ("intersection", "bend", "dead_end", "open_end", "hall")
+"""Nodes of the roadway graph: an intersection; a turn too slight to be one; where a roadway ends at rock; where it goes
+on but the map does not show it; a hall or yard too wide to be a roadway."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WallContour:
@@ -41,6 +45,7 @@ class Intersection:
     branch_bearings : (b,) direction of each roadway that leaves [rad], counter-clockwise from x, ascending
         in [0, 2π).
     branch_widths : (b,) width of each [m].
+    quality : how completely and surely it is seen, 0 (nothing to go by) to 1.
     contour : PWCV and CWC as seen from ``p_map``.
     cloud : (n, 3) float32, dense cloud around ``p_map``, relative to ``p_map`` [m].
     """
@@ -50,26 +55,43 @@ class Intersection:
     kind: str
     branch_bearings: Array
     branch_widths: Array
+    quality: float
     contour: WallContour
     cloud: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoadwayGraph:
-    """Roadways as a graph: nodes are intersections and dead ends, edges the roadways between them.
+    """Roadways as a graph: nodes are intersections and ends and bends of roadways, edges the roadways between them.
 
-    node_p_map : (n, 3) [m]; node_intersection : (n,) id of the intersection, -1 for a dead end;
-    edge_nodes : (m, 2) indices into the nodes; edge_length : (m,) along the axis [m];
-    edge_width : (m,) median [m];
-    edge_axes : for each edge its axis (k, 3) from the first node to the second.
+    node_p_map : (n, 3) on the floor [m].
+    node_intersection : (n,) id of the intersection, -1 for every other node.
+    node_kind : (n,) str, of `NODE_KINDS`.
+    edge_nodes : (m, 2) indices into the nodes.
+    edge_length : (m,) along the axis [m].
+    edge_width : (m,) median [m].
+    edge_height : (m,) median from floor to roof [m], 0 where no roof was seen.
+    edge_slope : (m,) mean rise over run from the first node to the second, see `axis_slope`.
+    edge_axes : for each edge its axis (k, 3) on the floor from the first node to the second [m].
+    edge_profiles : for each edge the width and height (k, 2) at each point of its axis [m], 0 where unknown.
     """
 
     node_p_map: Array
     node_intersection: NDArray[np.int64]
+    node_kind: NDArray[np.str_]
     edge_nodes: NDArray[np.int64]
     edge_length: Array
     edge_width: Array
+    edge_height: Array
+    edge_slope: Array
     edge_axes: tuple[Array, ...]
+    edge_profiles: tuple[Array, ...]
+
+
+def axis_slope(axis: Array) -> float:
+    """Mean slope of a roadway axis (k, 3) from its first point to its last: rise over horizontal run, 0 without run."""
+    run = float(np.hypot(*np.diff(axis[:, :2], axis=0).T).sum())
+    return float(axis[-1, 2] - axis[0, 2]) / run if run > 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,5 +1,6 @@
 """The database file: it reads back what was written, byte for byte the same, and refuses everything else."""
 
+import json
 import os
 import shutil
 from dataclasses import fields, replace
@@ -25,6 +26,7 @@ def place(k: int, n_points: int, rng: np.random.Generator) -> Intersection:
         kind=("T", "X", "multi")[k % 3],
         branch_bearings=np.sort(rng.uniform(0, 2 * np.pi, n)),
         branch_widths=rng.uniform(3, 6, n),
+        quality=float(rng.random()),
         contour=WallContour(
             pwcv=rng.random(36, dtype=np.float32),
             pwcv_observed=rng.random(36) > 0.3,
@@ -42,10 +44,14 @@ def some_map(sizes=(20000, 0, 5), crs: str | None = "EPSG:25832") -> SemanticMap
     roadways = RoadwayGraph(
         node_p_map=positions,
         node_intersection=np.array([p.id for p in places] + [-1]),
+        node_kind=np.array(["intersection"] * len(places) + ["open_end"]),
         edge_nodes=np.array([[0, 1], [1, 1]])[: len(places)],
         edge_length=np.array([12.5, 80.0])[: len(places)],
         edge_width=np.array([4.0, 3.5])[: len(places)],
+        edge_height=np.array([3.2, 0.0])[: len(places)],
+        edge_slope=np.array([-0.12, 0.3])[: len(places)],
         edge_axes=(rng.normal(size=(5, 3)), rng.normal(size=(0, 3)))[: len(places)],
+        edge_profiles=(rng.random((5, 2)), rng.random((0, 2)))[: len(places)],
     )
     return SemanticMap(
         intersections=places,
@@ -74,7 +80,15 @@ def assert_equal_values(a, b) -> None:
         assert a == b
 
 
-EMPTY = RoadwayGraph(np.empty((0, 3)), np.empty(0, np.int64), np.empty((0, 2), np.int64), np.empty(0), np.empty(0), ())
+EMPTY = RoadwayGraph(
+    np.empty((0, 3)),
+    np.empty(0, np.int64),
+    np.empty(0, np.str_),
+    np.empty((0, 2), np.int64),
+    *(np.empty(0) for _ in range(4)),
+    (),
+    (),
+)
 
 
 class TestRoundTrip:
@@ -107,6 +121,52 @@ class TestRoundTrip:
         assert loaded.by_id(14) is loaded.intersections[2]
         with pytest.raises(KeyError):
             loaded.by_id(1)
+
+
+def write_version_1(path: Path, semantic_map: SemanticMap) -> None:
+    """The file that semmap 0.1.0 wrote before schema version 2."""
+    places, roads = semantic_map.intersections, semantic_map.roadways
+    with h5py.File(path, "w") as file:
+        file.attrs.update({"format": "semmap-database", "schema_version": 1, "frame": "map", "origin": ORIGIN})
+        file.attrs.update({"sources": "{}", "settings": json.dumps(semantic_map.settings)})
+        group = file.create_group("intersections")
+        group["id"] = np.array([p.id for p in places])
+        group["p_map"] = np.array([p.p_map for p in places])
+        group["kind"] = np.array([p.kind.encode() for p in places], "S16")
+        group["branch_offsets"] = np.cumsum([0, *(len(p.branch_widths) for p in places)])
+        group["branch_bearings"] = np.concatenate([p.branch_bearings for p in places])
+        group["branch_widths"] = np.concatenate([p.branch_widths for p in places])
+        for name in ("pwcv", "pwcv_observed", "cwc", "cwc_observed"):
+            group[name] = np.array([getattr(p.contour, name) for p in places])
+        group["cloud_offsets"] = np.cumsum([0, *(len(p.cloud) for p in places)])
+        group["cloud_points"] = np.concatenate([p.cloud for p in places])
+        group = file.create_group("roadways")
+        for name in ("node_p_map", "node_intersection", "edge_nodes", "edge_length", "edge_width"):
+            group[name] = getattr(roads, name)
+        group["axis_offsets"] = np.cumsum([0, *map(len, roads.edge_axes)])
+        group["axis_points"] = np.concatenate(roads.edge_axes)
+
+
+def test_a_file_of_version_1_is_read_with_what_follows_from_it(tmp_path):
+    written = some_map((300, 0, 5), crs=None)
+    axes = (np.array([[0.0, 0.0, 10.0], [3.0, 4.0, 10.5], [3.0, 14.0, 13.0]]), np.empty((0, 3)))
+    written = replace(written, roadways=replace(written.roadways, edge_axes=axes), sources={})
+    write_version_1(tmp_path / "m.h5", written)
+    loaded = database.load(tmp_path / "m.h5")
+    expected = replace(
+        written,
+        intersections=tuple(replace(p, quality=float(p.contour.cwc_observed.mean())) for p in written.intersections),
+        roadways=replace(
+            written.roadways,
+            node_kind=np.array(["intersection"] * 3 + ["dead_end"]),
+            edge_height=np.zeros(2),
+            edge_slope=np.array([3.0 / 15.0, 0.0]),
+            edge_profiles=(np.zeros((3, 2)), np.zeros((0, 2))),
+        ),
+    )
+    assert_equal_values(loaded, expected)
+    database.save(loaded, tmp_path / "new.h5")
+    assert_equal_values(database.load(tmp_path / "new.h5"), expected)
 
 
 class TestSaveRefuses:
@@ -222,9 +282,10 @@ CORRUPT = {
     "other format": (set_attribute("format", "kitchen"), "but not a semantic database"),
     "format a number": (set_attribute("format", 3), "format: is missing or not text"),
     "newer version": (
-        set_attribute("schema_version", 2),
-        "schema_version: is of schema version 2, this program reads 1",
+        set_attribute("schema_version", 3),
+        "schema_version: is of schema version 3, this program reads 1 to 2",
     ),
+    "version zero": (set_attribute("schema_version", 0), "is of schema version 0, this program reads 1 to 2"),
     "version text": (set_attribute("schema_version", "one"), "schema_version: is not a whole number"),
     "no frame": (lambda f: f.attrs.__delitem__("frame"), "frame: is missing or not text"),
     "origin of two": (set_attribute("origin", np.zeros(2)), "origin: is not three numbers"),
@@ -263,7 +324,14 @@ CORRUPT = {
     "observed as bytes": (rewrite("intersections/cwc_observed", np.uint8), "cwc_observed: is of type uint8, not bool"),
     "unknown node": (set_value("roadways/edge_nodes", (0, 0), 40), "edge_nodes: names a node that is not there"),
     "unknown intersection": (set_value("roadways/node_intersection", 0, 5), "node_intersection: names an inter"),
-    "length negative": (set_value("roadways/edge_length", 0, -1.0), "edge_length: or edge_width holds a negative"),
+    "length negative": (set_value("roadways/edge_length", 0, -1.0), "edge_length: holds a negative number"),
+    "height negative": (set_value("roadways/edge_height", 0, -1.0), "edge_height: holds a negative number"),
+    "profile negative": (set_value("roadways/axis_profile", (0, 1), -1.0), "axis_profile: holds a negative number"),
+    "profile cut": (rewrite("roadways/axis_profile", lambda v: v[:-1]), "axis_profile: has shape"),
+    "slope NaN": (set_value("roadways/edge_slope", 0, np.nan), "edge_slope: holds NaN"),
+    "node kind unknown": (set_value("roadways/node_kind", 3, b"shaft"), "node_kind: holds 'shaft'"),
+    "node kind wrong": (set_value("roadways/node_kind", 0, b"hall"), "node_kind: does not agree with"),
+    "quality of two": (set_value("intersections/quality", 0, 2.0), "quality: is not between 0 and 1"),
     "axis cut": (rewrite("roadways/axis_points", lambda v: v[:-1]), "axis_offsets: do not divide the 4 rows"),
 }
 
