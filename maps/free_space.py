@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from maps import floor_cells as surface
 from maps._numba_rays import FREE, UNKNOWN, WALL, march, mark_seen
+from maps.floor_cells import Sight
 from maps.grid import Grid, Points
 from maps.ground import Ground, ground_of
 from maps.settings import FreeSpaceSettings
@@ -39,18 +41,6 @@ class View:
     p_sensor: Array
 
 
-@dataclass(frozen=True, slots=True)
-class Sight:
-    """What is in sight along horizontal rays.
-
-    distance : (n,) to where free space ends [m], at most the limit asked for.
-    at_wall : (n,) bool, the ray ends at a wall; if not, and before the limit, it ends where nothing was seen.
-    """
-
-    distance: Array
-    at_wall: NDArray[np.bool_]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeSpace:
     """Plan view of a mine, or of the part of it that stacked keyframes saw.
@@ -70,6 +60,15 @@ class FreeSpace:
     def free(self) -> NDArray[np.bool_]:
         """Roadway, (nx, ny)."""
         return np.asarray(self.cells == FREE)
+
+    def surface(self) -> surface.FreeSpace:
+        """The same as cells that know their neighbours, until everything behind has moved over to them."""
+        return surface.FreeSpace.from_raster(
+            self.cells,
+            self.ground.at(self.grid.centres(np.argwhere(self.cells < 3))).reshape(self.grid.shape),
+            cell=self.grid.cell,
+            corner=(self.grid.x0, self.grid.y0),
+        )
 
     def clearance_at(self, p: Array) -> float:
         """Distance [m] from a point (2,) to the nearest cell that is not free."""
