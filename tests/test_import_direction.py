@@ -12,11 +12,11 @@ ROOMS = ("semmap", "descriptors", "maps", "localize", "tools")
 """From the ground up: a room may import itself and the rooms before it."""
 
 DOORS = {
-    "h5py": ("semmap/database.py",),
+    "h5py": ("semmap/hdf5.py",),
     "rosbags": ("semmap/recordings.py",),
     "gtsam": ("localize/graph.py",),
-    "laspy": ("maps/",),
-    "pye57": ("maps/",),
+    "laspy": ("maps/las.py",),
+    "pye57": ("maps/e57.py",),
     "matplotlib": ("tools/report/",),
     "typer": ("tools/cli.py",),
     "rich": ("tools/",),
