@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import partial
+from typing import Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ on but the map does not show it; a hall or yard too wide to be a roadway."""
 class WallContour:
     """Wall contour descriptors of one place, gravity-aligned, sector 0 from the x axis, counter-clockwise.
 
+    Those of several places may be stacked: every array then has one more dimension in front.
+
     pwcv : (n_sectors,) float32, horizontal distance [m] to the first wall within the radius, 0 without one.
     pwcv_observed : (n_sectors,) bool, false where the sector was not seen (0 then says nothing).
     cwc : (n_layers, n_sectors) float32, the same by height layer above the floor.
@@ -33,6 +36,19 @@ class WallContour:
     pwcv_observed: NDArray[np.bool_]
     cwc: NDArray[np.float32]
     cwc_observed: NDArray[np.bool_]
+
+    @classmethod
+    def stacked(cls, contours: Sequence[WallContour]) -> WallContour:
+        """The contours (n) of several places as one; of none, arrays without rows."""
+        if not contours:
+            flat, layered = (0, 0), (0, 0, 0)
+            none, unseen = np.zeros(flat, np.float32), np.zeros(flat, np.bool_)
+            return cls(none, unseen, none.reshape(layered), unseen.reshape(layered))
+        return cls(*(np.stack([getattr(one, column.name) for one in contours]) for column in fields(cls)))
+
+    def at(self, rows: int | slice | NDArray[np.int64]) -> WallContour:
+        """One of stacked contours, or some of them."""
+        return WallContour(self.pwcv[rows], self.pwcv_observed[rows], self.cwc[rows], self.cwc_observed[rows])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +74,157 @@ class Intersection:
     quality: float
     contour: WallContour
     cloud: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IntersectionColumns:
+    """Intersections side by side, all of them but contours and clouds; see `Intersection` for what each column means.
+
+    id : (n,) int64. p_map : (n, 3) [m]. kind : (n,) str. quality : (n,).
+    branch_offsets : (n + 1,); the branches of row r are ``[offsets[r], offsets[r + 1])`` of
+        branch_bearings (b,) [rad] and branch_widths (b,) [m].
+    cloud_sizes : (n,) number of points of each cloud.
+    """
+
+    id: NDArray[np.int64]
+    p_map: Array
+    kind: NDArray[np.str_]
+    quality: Array
+    branch_offsets: NDArray[np.int64]
+    branch_bearings: Array
+    branch_widths: Array
+    cloud_sizes: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, intersections: Iterable[Intersection]) -> Self:
+        """The columns of some intersections, gone through once."""
+        rows = [
+            (i.id, i.p_map, i.kind, i.quality, i.branch_bearings, i.branch_widths, len(i.cloud)) for i in intersections
+        ]
+        ids, p_map, kind, quality, bearings, widths, sizes = zip(*rows, strict=True) if rows else ((),) * 7
+        return cls(
+            id=np.array(ids, np.int64),
+            p_map=np.array(p_map, np.float64).reshape(-1, 3),
+            kind=np.array(kind, np.str_),
+            quality=np.array(quality, np.float64),
+            branch_offsets=np.cumsum([0, *map(len, bearings)]),
+            branch_bearings=np.concatenate([np.zeros(0), *bearings]),
+            branch_widths=np.concatenate([np.zeros(0), *widths]),
+            cloud_sizes=np.array(sizes, np.int64),
+        )
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    @property
+    def branch_counts(self) -> NDArray[np.int64]:
+        """Number of branches of each (n,)."""
+        return np.diff(self.branch_offsets)
+
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """The columns of some rows (k,), in their order."""
+        counts = self.branch_counts[rows]
+        offsets = np.concatenate([[0], np.cumsum(counts)])
+        branches = np.arange(offsets[-1]) + np.repeat(self.branch_offsets[rows] - offsets[:-1], counts)
+        return type(self)(
+            self.id[rows],
+            self.p_map[rows],
+            self.kind[rows],
+            self.quality[rows],
+            offsets,
+            self.branch_bearings[branches],
+            self.branch_widths[branches],
+            self.cloud_sizes[rows],
+        )
+
+
+class IntersectionTable(Sequence[Intersection]):
+    """Intersections kept as columns: each is put together when it is asked for, its cloud read when that is.
+
+    Parameters
+    ----------
+    columns : all but contours and clouds.
+    read_contours : gives the contours of all rows, stacked; called once, when one is first needed.
+    read_cloud : gives the cloud (k, 3) float32 of a row; called for each object whose cloud is looked at.
+    """
+
+    def __init__(
+        self,
+        columns: IntersectionColumns,
+        read_contours: Callable[[], WallContour],
+        read_cloud: Callable[[int], NDArray[np.float32]],
+    ) -> None:
+        self.columns = columns
+        self.read_cloud = read_cloud
+        self._read_contours = read_contours
+        self._contours: WallContour | None = None
+
+    @property
+    def contours(self) -> WallContour:
+        """The contours of all rows, stacked."""
+        if self._contours is None:
+            self._contours = self._read_contours()
+        return self._contours
+
+    def take(self, rows: NDArray[np.int64]) -> IntersectionTable:
+        """The table of some rows (k,), in their order."""
+        return IntersectionTable(
+            self.columns.take(rows), partial(_some_contours, self, rows), partial(_some_cloud, self, rows)
+        )
+
+    def __len__(self) -> int:
+        return len(self.columns)
+
+    @overload
+    def __getitem__(self, row: int) -> Intersection: ...
+    @overload
+    def __getitem__(self, row: slice) -> IntersectionTable: ...
+    def __getitem__(self, row: int | slice) -> Intersection | IntersectionTable:
+        rows = range(len(self))[row]
+        if isinstance(rows, range):
+            return self.take(np.array(rows, np.int64))
+        c = self.columns
+        branches = slice(c.branch_offsets[rows], c.branch_offsets[rows + 1])
+        return _TabledIntersection.of(
+            partial(self.read_cloud, rows),
+            id=int(c.id[rows]),
+            p_map=c.p_map[rows],
+            kind=str(c.kind[rows]),
+            branch_bearings=c.branch_bearings[branches],
+            branch_widths=c.branch_widths[branches],
+            quality=float(c.quality[rows]),
+            contour=self.contours.at(rows),
+        )
+
+
+def _some_contours(table: IntersectionTable, rows: NDArray[np.int64]) -> WallContour:
+    return table.contours.at(rows)
+
+
+def _some_cloud(table: IntersectionTable, rows: NDArray[np.int64], row: int) -> NDArray[np.float32]:
+    return table.read_cloud(int(rows[row]))
+
+
+class _TabledIntersection(Intersection):
+    """An intersection whose cloud is read when it is first looked at."""
+
+    __slots__ = ("_read_cloud",)
+    _read_cloud: Callable[[], NDArray[np.float32]]
+
+    @classmethod
+    def of(cls, read_cloud: Callable[[], NDArray[np.float32]], **values: Any) -> Self:
+        """With all ``values`` but the cloud."""
+        one = cls.__new__(cls)
+        for name, value in {**values, "_read_cloud": read_cloud}.items():
+            object.__setattr__(one, name, value)
+        return one
+
+    def __getattr__(self, name: str) -> Any:
+        """Python asks this for what is not set: that is the cloud, until it was read."""
+        if name != "cloud":
+            raise AttributeError(name)
+        object.__setattr__(self, "cloud", self._read_cloud())
+        return self.cloud
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,25 +267,44 @@ class SemanticMap:
 
     The map frame is the prior map's own coordinates (a mine grid keeps its millions of metres, in float64).
 
+    intersections : a tuple, or an `IntersectionTable` that puts them together when they are asked for. What is needed
+        of all of them is at hand as columns: `columns`, `p_map`, `contours`.
     origin : (3,) float64, a round point near the mine: numbers relative to it are small enough for float32.
     settings : what the descriptors depend on, as plain data; with others, descriptors do not compare.
     sources : file name -> sha-256 of the prior map files.
     """
 
-    intersections: tuple[Intersection, ...]
+    intersections: Sequence[Intersection]
     roadways: RoadwayGraph
     origin: Array
     settings: Mapping[str, Any]
     sources: Mapping[str, str] = field(default_factory=dict)
     frame: str = "map"
     crs: str | None = None
+    _row_of_id: dict[int, int] = field(default_factory=dict, init=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.intersections)
 
+    @property
+    def columns(self) -> IntersectionColumns:
+        """All intersections side by side but contours and clouds; of a tuple, made anew each time."""
+        rows = self.intersections
+        return rows.columns if isinstance(rows, IntersectionTable) else IntersectionColumns.of(rows)
+
+    @property
+    def p_map(self) -> Array:
+        """Invariant points (n, 3) of all intersections [m]."""
+        return self.columns.p_map
+
+    @property
+    def contours(self) -> WallContour:
+        """Wall contours of all intersections, stacked; of a tuple, made anew each time."""
+        rows = self.intersections
+        return rows.contours if isinstance(rows, IntersectionTable) else WallContour.stacked([i.contour for i in rows])
+
     def by_id(self, id: int) -> Intersection:
         """The intersection numbered ``id``; KeyError where there is none."""
-        for intersection in self.intersections:
-            if intersection.id == id:
-                return intersection
-        raise KeyError(id)
+        if not self._row_of_id:
+            self._row_of_id.update({number: row for row, number in enumerate(self.columns.id.tolist())})
+        return self.intersections[self._row_of_id[id]]

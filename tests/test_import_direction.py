@@ -17,6 +17,8 @@ DOORS = {
     "gtsam": ("localize/graph.py",),
     "laspy": ("maps/las.py",),
     "pye57": ("maps/e57.py",),
+    "dask": ("maps/engine.py",),
+    "distributed": ("maps/engine.py",),
     "matplotlib": ("tools/report/",),
     "typer": ("tools/cli.py",),
     "rich": ("tools/",),

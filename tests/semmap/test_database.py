@@ -2,7 +2,10 @@
 
 import json
 import os
+import pickle
 import shutil
+import weakref
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -13,7 +16,14 @@ from numpy.testing import assert_array_equal
 
 from semmap import database
 from semmap.errors import DatabaseError, InputFileError
-from semmap.intersections import Intersection, RoadwayGraph, SemanticMap, WallContour
+from semmap.intersections import (
+    Intersection,
+    IntersectionColumns,
+    IntersectionTable,
+    RoadwayGraph,
+    SemanticMap,
+    WallContour,
+)
 
 ORIGIN = np.array([5_712_000.0, 3_401_000.0, 0.0])
 
@@ -64,8 +74,11 @@ def some_map(sizes=(20000, 0, 5), crs: str | None = "EPSG:25832") -> SemanticMap
 
 
 def assert_equal_values(a, b) -> None:
-    """Equal in value and type, all the way down."""
-    assert type(a) is type(b)
+    """Equal in value and type, all the way down; a table of intersections is as good as a tuple of them."""
+    if isinstance(a, IntersectionTable):
+        assert_equal_values(tuple(a), tuple(b))
+        return
+    assert isinstance(a, type(b))
     if isinstance(a, np.ndarray):
         assert a.dtype == b.dtype
         assert_array_equal(a, b)
@@ -75,7 +88,8 @@ def assert_equal_values(a, b) -> None:
             assert_equal_values(x, y)
     elif hasattr(a, "__dataclass_fields__"):
         for field in fields(a):
-            assert_equal_values(getattr(a, field.name), getattr(b, field.name))
+            if field.init:
+                assert_equal_values(getattr(a, field.name), getattr(b, field.name))
     else:
         assert a == b
 
@@ -118,9 +132,102 @@ class TestRoundTrip:
     def test_intersections_are_found_by_id(self, tmp_path):
         database.save(some_map(), tmp_path / "m.h5")
         loaded = database.load(tmp_path / "m.h5")
-        assert loaded.by_id(14) is loaded.intersections[2]
-        with pytest.raises(KeyError):
-            loaded.by_id(1)
+        for semantic_map in (loaded, some_map()):
+            assert semantic_map.by_id(14).id == 14
+            with pytest.raises(KeyError):
+                semantic_map.by_id(1)
+
+
+class TestLazyReading:
+    """What is read when, and what becomes of a file that does not stay as it was."""
+
+    @pytest.fixture
+    def path(self, tmp_path) -> Path:
+        database.save(some_map((300, 0, 40_000, 7)), tmp_path / "m.h5")
+        return tmp_path / "m.h5"
+
+    def test_rows_are_those_of_the_tuple_however_they_are_asked_for(self, path):
+        table, rows = database.load(path).intersections, some_map((300, 0, 40_000, 7)).intersections
+        assert len(table) == 4
+        for index in (2, -1, np.int64(0)):
+            assert_equal_values(table[index], rows[index])
+        for part in (slice(None), slice(1, 3), slice(None, None, -2), slice(4, 9)):
+            assert_equal_values(tuple(table[part]), rows[part])
+        assert_equal_values(tuple(table[::-1][1:3][::2]), rows[::-1][1:3][::2])
+        with pytest.raises(IndexError):
+            table[4]
+
+    def test_columns_are_those_of_the_tuple(self, path):
+        loaded, written = database.load(path), some_map((300, 0, 40_000, 7))
+        assert_equal_values(loaded.columns, written.columns)
+        assert_equal_values(loaded.p_map, np.array([p.p_map for p in written.intersections]))
+        assert_equal_values(loaded.contours, written.contours)
+        assert_equal_values(loaded.contours.at(2), written.intersections[2].contour)
+        assert_equal_values(loaded.intersections[1:].columns, IntersectionColumns.of(written.intersections[1:]))
+
+    def test_changed_copies_and_pickles_are_whole(self, path):
+        one = database.load(path).intersections[2]
+        moved = replace(one, id=99)
+        assert moved.id == 99 and moved.cloud is one.cloud
+        assert_equal_values(pickle.loads(pickle.dumps(one)), some_map((300, 0, 40_000, 7)).intersections[2])
+        again = pickle.loads(pickle.dumps(database.load(path)))
+        assert_equal_values(again.intersections[2], one)
+        assert not hasattr(one, "colour")
+
+    def test_a_cloud_is_read_once_an_object(self, path):
+        one = database.load(path).intersections[2]
+        assert one.cloud is one.cloud
+
+    @pytest.mark.parametrize("look", [lambda m: m.intersections.read_cloud(0), lambda m: m.contours])
+    def test_a_file_removed_meanwhile(self, path, look):
+        loaded = database.load(path)
+        path.unlink()
+        with pytest.raises(DatabaseError, match="is no longer there; load it from where it is now") as caught:
+            look(loaded)
+        assert caught.value.file == path
+
+    @pytest.mark.parametrize("look", [lambda m: m.intersections.read_cloud(0), lambda m: m.contours])
+    def test_a_file_changed_meanwhile(self, path, look):
+        loaded = database.load(path)
+        database.save(some_map((300, 0, 40_000, 7)), path)
+        with pytest.raises(DatabaseError, match="has changed since it was loaded; load it again"):
+            look(loaded)
+
+    def test_another_working_directory(self, path, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        loaded = database.load("m.h5")
+        monkeypatch.chdir("/")
+        assert len(loaded.intersections[0].cloud) == 300
+
+    def test_a_map_read_from_a_file_is_written_to_the_same_bytes(self, path, tmp_path):
+        database.save(database.load(path), tmp_path / "again.h5")
+        assert (tmp_path / "again.h5").read_bytes() == path.read_bytes()
+        before = path.read_bytes()
+        database.save(database.load(path), path)
+        assert path.read_bytes() == before
+
+    def test_writing_keeps_a_few_clouds_at_a_time(self, tmp_path):
+        clouds: list[weakref.ref] = []
+        alive = []
+
+        class Rows(Sequence):
+            """Intersections that exist only while they are looked at."""
+
+            def __len__(self):
+                return 40
+
+            def __getitem__(self, k):
+                if k >= len(self):
+                    raise IndexError
+                one = place(k, 10_000, np.random.default_rng(k))
+                clouds.append(weakref.ref(one.cloud))
+                alive.append(sum(cloud() is not None for cloud in clouds))
+                return one
+
+        database.save(replace(some_map((3,)), intersections=Rows(), roadways=EMPTY), tmp_path / "s.h5")
+        assert len(alive) == 40 and max(alive) <= 4
+        loaded = database.load(tmp_path / "s.h5")
+        assert_equal_values(loaded.intersections[39], place(39, 10_000, np.random.default_rng(39)))
 
 
 def write_version_1(path: Path, semantic_map: SemanticMap) -> None:
@@ -188,6 +295,19 @@ class TestSaveRefuses:
     def test_positions_that_are_not_finite(self, tmp_path):
         self.refuses(self.changed(p_map=np.array([0, np.nan, 0])), tmp_path, r"intersections/p_map: holds NaN")
 
+    @pytest.mark.parametrize("cloud", [np.full((2, 3), np.inf, np.float32), np.zeros((2, 2), np.float32)])
+    def test_clouds_that_are_no_finite_points(self, tmp_path, cloud):
+        self.refuses(self.changed(cloud=cloud), tmp_path, r"intersection 0: has a cloud that is not \(n, 3\) finite")
+
+    def test_contours_with_a_wall_behind(self, tmp_path):
+        contour = some_map().intersections[0].contour
+        self.refuses(self.changed(contour=replace(contour, cwc=-contour.cwc)), tmp_path, "cwc: holds a negative dist")
+
+    def test_a_profile_that_does_not_follow_its_axis(self, tmp_path):
+        good = some_map()
+        lost = replace(good.roadways, edge_profiles=good.roadways.edge_profiles[::-1])
+        self.refuses(replace(good, roadways=lost), tmp_path, "axis_profile: do not have one row a point")
+
     def test_ids_given_twice(self, tmp_path):
         self.refuses(self.changed(id=7), tmp_path, r"intersections/id: holds an id twice")
 
@@ -198,7 +318,7 @@ class TestSaveRefuses:
         self.refuses(self.changed(branch_bearings=np.array([3.0, 1, 2])), tmp_path, "are not ascending")
 
     def test_widths_that_do_not_match_the_bearings(self, tmp_path):
-        self.refuses(self.changed(branch_widths=np.ones(2)), tmp_path, r"branch_widths: has shape")
+        self.refuses(self.changed(branch_widths=np.ones(2)), tmp_path, "intersection 0: has not one width a branch")
 
     def test_contours_of_several_sizes(self, tmp_path):
         contour = some_map().intersections[0].contour
@@ -288,8 +408,8 @@ CORRUPT = {
     "version zero": (set_attribute("schema_version", 0), "is of schema version 0, this program reads 1 to 2"),
     "version text": (set_attribute("schema_version", "one"), "schema_version: is not a whole number"),
     "no frame": (lambda f: f.attrs.__delitem__("frame"), "frame: is missing or not text"),
-    "origin of two": (set_attribute("origin", np.zeros(2)), "origin: is not three numbers"),
-    "origin text": (set_attribute("origin", "zero"), "origin: is not three numbers"),
+    "origin of two": (set_attribute("origin", np.zeros(2)), "origin: is not 3 numbers"),
+    "origin text": (set_attribute("origin", "zero"), "origin: is not 3 numbers"),
     "origin NaN": (set_attribute("origin", np.full(3, np.nan)), "origin: is not finite"),
     "settings no JSON": (set_attribute("settings", "{"), "settings: is not JSON"),
     "settings a list": (set_attribute("settings", "[1]"), "settings: is not a mapping"),
@@ -318,7 +438,7 @@ CORRUPT = {
     "cloud double": (rewrite("intersections/cloud_points", np.float64), "cloud_points: is of type float64"),
     "cloud infinite": (set_value("intersections/cloud_points", (9, 0), np.inf), "cloud_points: holds NaN or inf"),
     "bearing of four pi": (set_value("intersections/branch_bearings", 2, 12.0), "branch_bearings: are not ascending"),
-    "width negative": (set_value("intersections/branch_widths", 2, -1.0), "branch_widths: holds a negative width"),
+    "width negative": (set_value("intersections/branch_widths", 2, -1.0), "branch_widths: holds a negative number"),
     "sectors differ": (rewrite("intersections/pwcv", lambda v: v[:, :-1]), "pwcv: has shape"),
     "distance negative": (set_value("intersections/cwc", (0, 0, 0), -1.0), "cwc: holds a negative distance"),
     "observed as bytes": (rewrite("intersections/cwc_observed", np.uint8), "cwc_observed: is of type uint8, not bool"),
@@ -344,8 +464,14 @@ def test_corrupt_databases(name, good, tmp_path):
     with h5py.File(path, "r+") as file:
         change(file)
     with pytest.raises(DatabaseError, match=pattern) as caught:
-        database.load(path)
+        read_all(path)
     assert_one_line_that_names(path, caught.value)
+
+
+def read_all(path: Path) -> None:
+    """Open a database and look at all of it."""
+    for place in database.load(path).intersections:
+        assert len(place.contour.pwcv) and len(place.cloud) >= 0
 
 
 def assert_one_line_that_names(path: Path, error: DatabaseError) -> None:
@@ -374,7 +500,7 @@ def test_databases_with_a_hole_are_refused_or_read_but_never_crash(seed, good, t
     path = tmp_path / "m.h5"
     path.write_bytes(data)
     try:
-        database.load(path)
+        read_all(path)
     except DatabaseError as error:
         assert_one_line_that_names(path, error)
 
