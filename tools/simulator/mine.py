@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from semmap.errors import InputFileError
 from semmap.geometry import Array
+from tools.simulator.boxes import Samples
 from tools.simulator.junctions import Junction, junctions_of
 from tools.simulator.raycaster import Raycaster
 from tools.simulator.roadways import MineScenario
@@ -19,6 +21,8 @@ from tools.simulator.scenarios import plan
 from tools.simulator.surface import surface_of
 
 MESH_SUFFIXES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
+_EYES = 1.2
+"""[m] above the planned floor, in the air everywhere."""
 VOXEL = 0.18
 """[m] grid spacing of built-in mines: a quarter of the shortest wavelength of their rock noise."""
 
@@ -49,7 +53,7 @@ class Mine:
         self.triangles = np.ascontiguousarray(triangles, dtype=np.int32)
         self.raycaster = Raycaster(self.vertices, self.triangles, self.origin)
         self.scenario = scenario
-        self.junctions: tuple[Junction, ...] = junctions_of(scenario) if scenario else ()
+        self.junctions: tuple[Junction, ...] = self._on_rock(junctions_of(scenario)) if scenario else ()
 
     @property
     def area(self) -> float:
@@ -62,14 +66,20 @@ class Mine:
         ``noise`` is the standard deviation of each coordinate [m].
         """
         rng = np.random.default_rng([seed, 3])
+        points = self.spread(spacing, rng).points
+        return np.asarray(points + noise * rng.normal(size=points.shape))
+
+    def spread(self, spacing: float, rng: np.random.Generator) -> Samples:
+        """Points on the rock without noise, spread evenly at random, and where the air is."""
         areas = self._triangle_areas()
         count = max(1, round(areas.sum() / spacing**2))
         share = (np.arange(count) + rng.uniform(size=count)) / count
         owner = np.minimum(np.searchsorted(np.cumsum(areas) / areas.sum(), share), len(areas) - 1)
         a, b = np.sort(rng.uniform(size=(2, count)), axis=0)[:, :, None]
         p, q, r = np.moveaxis(self.vertices[self.triangles[owner]].astype(np.float64), 1, 0)
-        points = a * p + (b - a) * q + (1.0 - b) * r
-        return np.asarray(points + noise * rng.normal(size=points.shape) + self.origin)
+        normals = np.cross(q - p, r - p)
+        normals *= -np.sign(self._volume()) / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        return Samples(a * p + (b - a) * q + (1.0 - b) * r + self.origin, normals)
 
     def save_mesh(self, path: str | Path) -> None:
         """Write the mesh (.ply, .obj, .stl) in map coordinates."""
@@ -81,9 +91,24 @@ class Mine:
         if not o3d.io.write_triangle_mesh(Path(path), mesh):
             raise InputFileError("cannot be written", file=path, mend="end its name in .ply, .obj or .stl")
 
+    def _on_rock(self, junctions: tuple[Junction, ...]) -> tuple[Junction, ...]:
+        """The plan's junctions on the floor as it was dug, which is a little deeper where roadways meet."""
+        eyes = np.array([junction.p_map for junction in junctions]).reshape(-1, 3) + [0.0, 0.0, _EYES]
+        down = np.broadcast_to([0.0, 0.0, -1.0], eyes.shape)
+        floor = eyes[:, 2] - self.raycaster.cast(eyes, down).distances
+        return tuple(
+            replace(junction, p_map=np.append(junction.p_map[:2], height))
+            for junction, height in zip(junctions, floor, strict=True)
+        )
+
     def _triangle_areas(self) -> Array:
         p, q, r = np.moveaxis(self.vertices[self.triangles].astype(np.float64), 1, 0)
         return np.asarray(0.5 * np.linalg.norm(np.cross(q - p, r - p), axis=1))
+
+    def _volume(self) -> float:
+        """Volume [m³] of the closed mesh, positive where its triangles are wound to look outwards."""
+        p, q, r = np.moveaxis(self.vertices[self.triangles].astype(np.float64), 1, 0)
+        return float(np.einsum("ij,ij->", p, np.cross(q, r)) / 6.0)
 
 
 def dig(scenario: MineScenario, *, voxel: float = VOXEL, progress: Callable[[int, int], None] | None = None) -> Mine:
