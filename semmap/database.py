@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +44,7 @@ from semmap.intersections import (
     WallContour,
     axis_slope,
 )
+from semmap.ragged import Ragged
 
 FORMAT = "semmap-database"
 SCHEMA_VERSION = 2
@@ -268,7 +268,7 @@ def _read_roadways(group: Group, ids: NDArray[np.int64], version: int) -> Roadwa
     n = len(edge_nodes)
     points = group.column("axis_points", np.float64, (None, 3))
     offsets = group.offsets("axis", n, "points", len(points))
-    axes = _divided(points, offsets)
+    axes = Ragged(points, offsets)
     known = version > 1
     profile = group.at_least_0("axis_profile", (len(points), 2)) if known else np.zeros((len(points), 2))
     return RoadwayGraph(
@@ -281,13 +281,8 @@ def _read_roadways(group: Group, ids: NDArray[np.int64], version: int) -> Roadwa
         edge_height=group.at_least_0("edge_height", (n,)) if known else np.zeros(n),
         edge_slope=group.column("edge_slope", np.float64, (n,)) if known else np.array([axis_slope(a) for a in axes]),
         edge_axes=axes,
-        edge_profiles=_divided(profile, offsets),
+        edge_profiles=Ragged(profile, offsets),
     )
-
-
-def _divided(values: Array, offsets: NDArray[np.int64]) -> tuple[Array, ...]:
-    """The rows of a ragged column."""
-    return tuple(values[begin:end] for begin, end in pairwise(offsets.tolist()))
 
 
 def _read_node_kinds(group: Group, node_intersection: NDArray[np.int64], version: int) -> NDArray[np.str_]:

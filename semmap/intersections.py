@@ -251,8 +251,8 @@ class RoadwayGraph:
     edge_width: Array
     edge_height: Array
     edge_slope: Array
-    edge_axes: tuple[Array, ...]
-    edge_profiles: tuple[Array, ...]
+    edge_axes: Sequence[Array]
+    edge_profiles: Sequence[Array]
 
 
 def axis_slope(axis: Array) -> float:

@@ -24,6 +24,7 @@ from semmap.intersections import (
     SemanticMap,
     WallContour,
 )
+from semmap.ragged import Ragged
 
 ORIGIN = np.array([5_712_000.0, 3_401_000.0, 0.0])
 
@@ -74,8 +75,8 @@ def some_map(sizes=(20000, 0, 5), crs: str | None = "EPSG:25832") -> SemanticMap
 
 
 def assert_equal_values(a, b) -> None:
-    """Equal in value and type, all the way down; a table of intersections is as good as a tuple of them."""
-    if isinstance(a, IntersectionTable):
+    """Equal in value and type, all the way down; what is put together when asked for is as good as a tuple."""
+    if isinstance(a, IntersectionTable | Ragged):
         assert_equal_values(tuple(a), tuple(b))
         return
     assert isinstance(a, type(b))
