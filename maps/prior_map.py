@@ -28,6 +28,7 @@ _FORMATS = "PCD, PLY, LAS, LAZ or E57"
 _LOCAL_M = 5000.0
 _ORIGIN_STEP_M = 1000.0
 _FARTHEST_M = 1e8  # no map grid on Earth goes that far: such numbers are damage, like NaN
+_REACH_M = (40_000.0, 40_000.0, 10_000.0)  # from the origin; farther off is no part of the mine
 _SAMPLE = 1000
 _BLOCK_ROWS = 500_000
 
@@ -40,7 +41,7 @@ class PriorMap:
     origin : (3,) float64 [m], see `Survey`.
     sources : file name -> sha-256 of its bytes.
     crs : WKT or EPSG code of the map frame, where a file says so.
-    n_dropped : points left out: not finite or absurd, or marked as noise or withheld in a LAS file.
+    n_dropped : points left out: not finite, tens of kilometres off, or marked as noise or withheld in a LAS file.
     """
 
     points: NDArray[np.float32]
@@ -113,9 +114,10 @@ def blocks(piece: Piece, origin: Array, rows: int = _BLOCK_ROWS) -> Iterator[tup
     Raises `InputFileError` where the file is damaged or cut off, `CloudError` where it has no coordinates.
     """
     for points in _points(piece, rows):
-        good = (np.abs(points) < _FARTHEST_M).all(axis=1)
-        kept = points if good.all() else points[good]
-        yield (kept - origin).astype(np.float32), len(points) - len(kept)
+        relative = points - origin
+        good = (np.abs(relative) < _REACH_M).all(axis=1)
+        kept = relative if good.all() else relative[good]
+        yield kept.astype(np.float32), len(points) - len(kept)
 
 
 def read_prior_map(

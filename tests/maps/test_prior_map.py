@@ -368,10 +368,10 @@ class TestLaz:
 
 def test_points_that_are_not_finite_are_dropped_and_counted(tmp_path):
     points = mine()
-    points[3, 1], points[9] = np.nan, 1e30
+    points[3, 1], points[9], points[11, 0] = np.nan, 1e30, 5e4
     prior = read_prior_map(write_pcd(tmp_path / "c.pcd", xyz_table(points, "f8"), "binary"))
-    assert prior.n_dropped == 2
-    assert_allclose(prior.points, np.delete(points, [3, 9], axis=0), atol=1e-5)
+    assert prior.n_dropped == 3
+    assert_allclose(prior.points, np.delete(points, [3, 9, 11], axis=0), atol=1e-5)
 
 
 def edited(path: Path, old: bytes, new: bytes) -> Path:
