@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
-from maps.describe import Neighbourhoods, contour_at, on_floor, thinned
-from maps.free_space import FreeSpace, split_ground_and_walls
+from maps.describe import Neighbourhoods, describe, description_radius, place_of
+from maps.floor_cells import FreeSpace
+from maps.free_space import split_ground_and_walls
 from maps.graph import roadway_graph
 from maps.intersections import Crossing, find_intersections
 from maps.prior_map import PriorMap
@@ -34,14 +33,14 @@ def build_semantic_map(
     if not len(prior.points):
         raise CloudError("has no points", field="prior map")
     report(0, 4)
-    space = split_ground_and_walls(prior.points, settings.free_space)
+    space = split_ground_and_walls(prior.points, settings.free_space).surface()
     report(1, 4)
     topology = roadway_topology(space, settings.topology)
     report(2, 4)
     crossings = find_intersections(topology, space, settings.topology)
     report(3, 4)
     intersections = _described(crossings, prior, space, settings)
-    roadways = roadway_graph(topology, crossings, space, prior.origin)
+    roadways = roadway_graph(topology, crossings, space, prior.origin, settings.topology)
     report(4, 4)
     stored = settings.model_dump(mode="json")
     return SemanticMap(intersections, roadways, prior.origin, stored, prior.sources, crs=prior.crs)
@@ -51,32 +50,9 @@ def _described(
     crossings: list[Crossing], prior: PriorMap, space: FreeSpace, settings: MapSettings
 ) -> tuple[Intersection, ...]:
     """The crossings, numbered from 0, with contours and clouds, in the map frame."""
-    neighbourhoods = Neighbourhoods(prior.points)
+    neighbourhoods, radius = Neighbourhoods(prior.points), description_radius(settings)
+    places = (place_of(crossing, space, settings) for crossing in crossings)
     return tuple(
-        _intersection(number, crossing, neighbourhoods, space, prior, settings)
-        for number, crossing in enumerate(crossings)
-    )
-
-
-def _intersection(
-    number: int,
-    crossing: Crossing,
-    neighbourhoods: Neighbourhoods,
-    space: FreeSpace,
-    prior: PriorMap,
-    settings: MapSettings,
-) -> Intersection:
-    reach = max(settings.cloud_radius, settings.contour.radius + settings.contour.wall_depth)
-    around = neighbourhoods.around(crossing.p, reach)
-    kept = around[np.hypot(*(around - crossing.p)[:, :2].T) < settings.cloud_radius]
-    contour = contour_at(crossing.p, on_floor(around, space), space, settings.contour)
-    return Intersection(
-        id=number,
-        p_map=crossing.p + prior.origin,
-        kind=crossing.kind,
-        branch_bearings=np.array([branch.bearing for branch in crossing.branches]),
-        branch_widths=np.array([branch.width for branch in crossing.branches]),
-        quality=float(contour.cwc_observed.mean()),
-        contour=contour,
-        cloud=thinned(kept - crossing.p, settings.cloud_voxel),
+        describe(number, place, neighbourhoods.around(place.crossing.p, radius), prior.origin, settings)
+        for number, place in enumerate(places)
     )
