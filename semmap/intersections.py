@@ -121,6 +121,16 @@ class IntersectionColumns:
         """Number of branches of each (n,)."""
         return np.diff(self.branch_offsets)
 
+    def joined(self, after: Self) -> Self:
+        """These rows and then those."""
+        mine, theirs = (
+            {column.name: getattr(one, column.name) for column in fields(one) if column.name != "branch_offsets"}
+            for one in (self, after)
+        )
+        offsets = np.concatenate([self.branch_offsets, self.branch_offsets[-1] + after.branch_offsets[1:]])
+        both = {name: np.concatenate([mine[name], theirs[name]]) for name in mine}
+        return type(self)(branch_offsets=offsets, **both)
+
     def take(self, rows: NDArray[np.int64]) -> Self:
         """The columns of some rows (k,), in their order."""
         counts = self.branch_counts[rows]
@@ -159,6 +169,14 @@ class IntersectionTable(Sequence[Intersection]):
         self._read_contours = read_contours
         self._contours: WallContour | None = None
 
+    @classmethod
+    def of(cls, intersections: Sequence[Intersection]) -> IntersectionTable:
+        """The table of some intersections, or the table that they are."""
+        if isinstance(intersections, IntersectionTable):
+            return intersections
+        columns = IntersectionColumns.of(intersections)
+        return cls(columns, partial(_own_contours, intersections), partial(_own_cloud, intersections))
+
     @property
     def contours(self) -> WallContour:
         """The contours of all rows, stacked."""
@@ -171,6 +189,16 @@ class IntersectionTable(Sequence[Intersection]):
         return IntersectionTable(
             self.columns.take(rows), partial(_some_contours, self, rows), partial(_some_cloud, self, rows)
         )
+
+    def joined(self, after: IntersectionTable) -> IntersectionTable:
+        """These rows and then those; the contours of both must have the same layers and sectors."""
+        return IntersectionTable(
+            self.columns.joined(after.columns), partial(_both_contours, self, after), partial(_one_cloud, self, after)
+        )
+
+    def with_columns(self, columns: IntersectionColumns) -> IntersectionTable:
+        """The same contours and clouds with other columns."""
+        return IntersectionTable(columns, partial(getattr, self, "contours"), self.read_cloud)
 
     def __len__(self) -> int:
         return len(self.columns)
@@ -195,6 +223,30 @@ class IntersectionTable(Sequence[Intersection]):
             quality=float(c.quality[rows]),
             contour=self.contours.at(rows),
         )
+
+
+def _own_contours(rows: Sequence[Intersection]) -> WallContour:
+    return WallContour.stacked([row.contour for row in rows])
+
+
+def _own_cloud(rows: Sequence[Intersection], row: int) -> NDArray[np.float32]:
+    return rows[row].cloud
+
+
+def _both_contours(first: IntersectionTable, after: IntersectionTable) -> WallContour:
+    if not len(first) or not len(after):
+        return first.contours if len(first) else after.contours
+    a, b = first.contours, after.contours
+    return WallContour(
+        np.concatenate([a.pwcv, b.pwcv]),
+        np.concatenate([a.pwcv_observed, b.pwcv_observed]),
+        np.concatenate([a.cwc, b.cwc]),
+        np.concatenate([a.cwc_observed, b.cwc_observed]),
+    )
+
+
+def _one_cloud(first: IntersectionTable, after: IntersectionTable, row: int) -> NDArray[np.float32]:
+    return first.read_cloud(row) if row < len(first) else after.read_cloud(row - len(first))
 
 
 def _some_contours(table: IntersectionTable, rows: NDArray[np.int64]) -> WallContour:
@@ -289,8 +341,7 @@ class SemanticMap:
     @property
     def columns(self) -> IntersectionColumns:
         """All intersections side by side but contours and clouds; of a tuple, made anew each time."""
-        rows = self.intersections
-        return rows.columns if isinstance(rows, IntersectionTable) else IntersectionColumns.of(rows)
+        return IntersectionTable.of(self.intersections).columns
 
     @property
     def p_map(self) -> Array:
@@ -300,8 +351,7 @@ class SemanticMap:
     @property
     def contours(self) -> WallContour:
         """Wall contours of all intersections, stacked; of a tuple, made anew each time."""
-        rows = self.intersections
-        return rows.contours if isinstance(rows, IntersectionTable) else WallContour.stacked([i.contour for i in rows])
+        return IntersectionTable.of(self.intersections).contours
 
     def by_id(self, id: int) -> Intersection:
         """The intersection numbered ``id``; KeyError where there is none."""
