@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
 
@@ -77,19 +77,36 @@ def save_laz(path: str | Path, points: ArrayLike, crs: str | None = None) -> Non
     Raises `CloudError` if there are no points, some are not finite, or they spread over more than 2000 km.
     """
     xyz = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    if not len(xyz) or not np.isfinite(xyz).all():
+    if not len(xyz):
         raise CloudError("is empty or not finite", file=path, mend="write finite points only")
-    offsets = np.round(xyz.mean(axis=0) / _ORIGIN_STEP_M) * _ORIGIN_STEP_M
-    steps_m = np.rint((xyz - offsets) / _STEP_M)
-    if np.abs(steps_m).max() > np.iinfo(np.int32).max:
-        raise CloudError("spreads over more than 2000 km", file=path, mend="write one map a mine")
+    offset = np.round(xyz.mean(axis=0) / _ORIGIN_STEP_M) * _ORIGIN_STEP_M
+    save_laz_blocks(path, [xyz], offset, crs)
+
+
+def save_laz_blocks(path: str | Path, blocks: Iterable[Array], offset: Array, crs: str | None = None) -> None:
+    """The same for more points than memory holds: blocks (n, 3), all within 2000 km of ``offset`` (3,)."""
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.creation_date = _NO_DATE
-    header.offsets, header.scales = offsets, np.full(3, _STEP_M)
+    header.offsets, header.scales = offset, np.full(3, _STEP_M)
     if crs is not None:
         header.vlrs.append(WktCoordinateSystemVlr(crs))
         header.global_encoding.wkt = True
-    las = laspy.LasData(header)
-    las.X, las.Y, las.Z = steps_m.astype(np.int32).T
-    with written_whole(path) as temporary:
-        las.write(str(temporary))
+    compressed = Path(path).suffix.lower() == ".laz"
+    with (
+        written_whole(path) as temporary,
+        laspy.open(temporary, mode="w", header=header, do_compress=compressed) as writer,
+    ):
+        for block in blocks:
+            writer.write_points(_record(block, header, path))
+
+
+def _record(points: Array, header: laspy.LasHeader, path: str | Path) -> laspy.ScaleAwarePointRecord:
+    """Points as LAS has them: whole millimetres from the offset."""
+    if not np.isfinite(points).all():
+        raise CloudError("is empty or not finite", file=path, mend="write finite points only")
+    whole = np.rint((points - header.offsets) / _STEP_M)
+    if np.abs(whole).max(initial=0.0) > np.iinfo(np.int32).max:
+        raise CloudError("spreads over more than 2000 km", file=path, mend="write one map a mine")
+    record = laspy.ScaleAwarePointRecord.zeros(len(points), header=header)
+    record.X, record.Y, record.Z = whole.astype(np.int32).T
+    return record
