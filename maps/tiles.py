@@ -1,7 +1,7 @@
 """Points sorted into square tiles, in memory or in files, so that no step of a build needs all of them at once.
 
-Tiles are whole numbers of plan cells wide and anchored at 0 of the map's relative coordinates. Within a cell the points
-keep the order they have in the map: what is computed from them does not depend on how wide the tiles are.
+Tiles are whole numbers of plan cells wide and anchored at 0 of the map's relative coordinates. No cell is cut, and what
+is made of the points of a cell or around a place does not ask for their order: it does not depend on the tiles.
 """
 
 from __future__ import annotations
@@ -138,15 +138,12 @@ class Part:
     strip: tuple[int, int] | None = None
 
     def points(self) -> Cloud32:
-        """The points (n, 3); those of a cell in the order of the map."""
-        return np.concatenate([np.zeros((0, 3), np.float32), *(self._counting(block) for block in self._blocks())])
+        """The points (n, 3)."""
+        return _joined(self._counting(block) for block in _blocks(self.store, self.runs))
 
     def columns(self, settings: FreeSpaceSettings) -> Columns:
         """The columns of the cells, kept by the store."""
         return self.store.kept(self.number, lambda: columns_of(self.points(), settings))
-
-    def _blocks(self) -> Iterator[Cloud32]:
-        return _blocks(self.store, self.runs)
 
     def _counting(self, points: Cloud32) -> Cloud32:
         if self.strip is None:
@@ -163,21 +160,17 @@ class Surroundings:
     """
 
     store: Store
-    tiling: Tiling
     runs: NDArray[np.int64]
     p: Array
     radius: float
 
     def points(self) -> Cloud32:
-        """The points (n, 3) within the radius, cell by cell; those of a cell in the order of the map."""
-        near = [block[self._is_near(block)] for block in _blocks(self.store, self.runs)]
-        points = np.concatenate([np.zeros((0, 3), np.float32), *near])
-        cell = self.tiling.cells_of(points)
-        return points[np.lexsort((cell[:, 1], cell[:, 0]))]
+        """The points (n, 3) within the radius."""
+        return _joined(block[self._is_near(block)] for block in _blocks(self.store, self.runs))
 
     def _is_near(self, points: Cloud32) -> NDArray[np.bool_]:
         away = points[:, :2] - self.p[:2]
-        return np.asarray(np.einsum("ij,ij->i", away, away) < self.radius**2)
+        return np.asarray(np.sum(away**2, axis=1) < self.radius**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,7 +203,7 @@ class TiledMap:
         """What is within ``radius`` [m] of ``p`` (3,) in plan."""
         reach = np.array([[-1.0], [1.0]]) * (radius + _MARGIN_M)
         low, high = self.tiling.tiles_of(p[None, :2] + reach)
-        return Surroundings(self.store, self.tiling, self.tiles.within(low, high), p, radius)
+        return Surroundings(self.store, self.tiles.within(low, high), p, radius)
 
     def _strips(self, tiles: Tiles) -> list[tuple[int, int] | None]:
         """One strip, or as many as a single tile with too many points needs."""
@@ -244,6 +237,10 @@ def _in_file_order(runs: NDArray[np.int64]) -> NDArray[np.int64]:
     first = np.flatnonzero(np.r_[True, apart][: len(runs)])
     last = np.append(first[1:], len(runs))[: len(first)] - 1
     return np.column_stack([runs[first, :2], runs[last, 2]])
+
+
+def _joined(blocks: Iterable[Cloud32]) -> Cloud32:
+    return np.concatenate([np.zeros((0, 3), np.float32), *blocks])
 
 
 def _blocks(store: Store, runs: NDArray[np.int64]) -> Iterator[Cloud32]:

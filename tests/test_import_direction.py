@@ -19,7 +19,7 @@ DOORS = {
     "pye57": ("maps/e57.py",),
     "dask": ("maps/engine.py",),
     "distributed": ("maps/engine.py",),
-    "matplotlib": ("tools/report/",),
+    "matplotlib": ("tools/report/", "tools/bench/"),
     "typer": ("tools/cli.py",),
     "rich": ("tools/",),
 }

@@ -133,13 +133,27 @@ def simulate(
 
 @app.command(epilog=EPILOG)
 def build(
-    maps: Annotated[list[Path], typer.Argument(metavar="MAP...", help="Point clouds: PCD, PLY, LAS, LAZ, E57.")],
+    maps: Annotated[list[Path], typer.Argument(metavar="MAP...", help="Point clouds: PCD, PLY, LAS, LAZ, COPC, E57.")],
     out: Annotated[Path, typer.Option(metavar="DB.h5", help="The semantic database to write.")],
+    workers: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Processes on this machine (more than 1: Dask).")
+    ] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="Work on a Dask cluster instead (tcp://HOST:PORT), files on a shared disk."),
+    ] = None,
+    tile: Annotated[
+        float, typer.Option(metavar="METRES", min=1, max=1000, help="Tiles of this size; the result is the same.")
+    ] = 20.0,
 ) -> None:
-    """Build the semantic database of a mine from its point-cloud map."""
+    """Build the semantic database of a mine from its point-cloud map.
+
+    The map may be larger than memory. What is finished is kept in DB.h5.work/ until all is done: after a crash or
+    Ctrl-C the same command goes on from there.
+    """
     from tools.build import build_database
 
-    semantic_map = build_database(maps, out, _common.settings())
+    semantic_map = build_database(maps, out, _common.settings(), workers=workers, scheduler=scheduler, tile=tile)
     typer.echo(f"{len(semantic_map)} intersections: {out}")
 
 

@@ -60,7 +60,7 @@ def test_it_is_the_map_in_memory(files: list[Path], tmp_path: Path, tile: float)
         for name in ("ij", "first", "bottom", "top", "mean", "count"):
             assert_array_equal(getattr(ours, name), getattr(theirs, name))
         for p in (HERE - mine.origin, HERE - mine.origin + [15.0, -9.0, 0.0]):
-            assert_array_equal(mine.around(p, 12.0).points(), memory.around(p, 12.0).points())
+            assert_array_equal(*(np.sort(one.around(p, 12.0).points(), axis=0) for one in (mine, memory)))
     assert calls[-1] == (sum(path.stat().st_size for path in files),) * 2
     assert not (tmp_path / "work").exists()
 
@@ -119,13 +119,11 @@ def test_finished_columns_are_not_made_again(
         return columns_of(points, settings)
 
     monkeypatch.setattr("maps.tiles.columns_of", counted)
-    found: list[Columns] = []
-    for _ in range(2):
-        with pytest.raises(KeyboardInterrupt), tiled(files, tmp_path / "work", SETTINGS, ThisProcess()) as mine:
-            found.append(columns_of_all(mine))
-            raise KeyboardInterrupt
-    assert len(made) == len(mine.parts()) > 3
-    assert_array_equal(found[1].top, found[0].top)
+    with tiled(files, tmp_path / "work", SETTINGS, ThisProcess()) as mine:
+        once, again = columns_of_all(mine), columns_of_all(mine)
+        assert len(made) == len(mine.parts()) > 3
+    assert_array_equal(again.top, once.top)
+    assert_array_equal(again.ij, once.ij)
 
 
 @pytest.mark.parametrize("change", ["file", "tile", "settings", "order"])
