@@ -121,6 +121,10 @@ class IntersectionColumns:
         """Number of branches of each (n,)."""
         return np.diff(self.branch_offsets)
 
+    def bearings(self, row: int) -> Array:
+        """Branch bearings (b,) of one row [rad]."""
+        return self.branch_bearings[self.branch_offsets[row] : self.branch_offsets[row + 1]]
+
     def joined(self, after: Self) -> Self:
         """These rows and then those."""
         mine, theirs = (
