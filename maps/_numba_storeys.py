@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from maps._numba_floor import first_row
+from maps._numba_floor import DI, DJ, first_row
 
 REACH = 2
 """Gaps of columns at most so many cells apart are linked: thinly sampled floor has holes."""
@@ -52,6 +52,12 @@ def write_gaps(
                 height[gap] = max(mean[r], top[r] - thin)
                 headroom[gap] = np.inf if last else min(mean[r + 1], bottom[r + 1] + thin) - height[gap]
                 gap += 1
+
+
+@numba.njit(cache=True)
+def _column(ij: NDArray[np.int32], i: int, j: int) -> int:
+    c = first_row(ij, i, j)
+    return c if c < ij.shape[0] and ij[c, 0] == i and ij[c, 1] == j else -1
 
 
 @numba.njit(cache=True)
@@ -126,8 +132,8 @@ def link_gaps(
 ) -> None:
     """Write to ``sheet`` (g,) the first gap of the sheet each gap is in.
 
-    A gap with less support than ``least`` is at the border of a sheet and joins no others to it: else sheets would
-    climb from the floor to the roof over the tops of what points of a wall are in one column.
+    A gap with less support than ``least`` is at the border of a sheet and joins no sheets: else they would climb from
+    the floor to the roof over the tops of what points of a wall are in one column.
     """
     n = ij.shape[0]
     sheet[:] = np.arange(sheet.size)
@@ -162,9 +168,44 @@ def link_gaps(
 
 
 @numba.njit(cache=True)
-def _column(ij: NDArray[np.int32], i: int, j: int) -> int:
-    c = first_row(ij, i, j)
-    return c if c < ij.shape[0] and ij[c, 0] == i and ij[c, 1] == j else -1
+def link_narrow_gaps(
+    ij: NDArray[np.int32],
+    begins: NDArray[np.int64],
+    height: NDArray[np.float32],
+    headroom: NDArray[np.float32],
+    support: NDArray[np.int8],
+    least: int,
+    rise: float,
+    step: float,
+    common: float,
+    farthest: int,
+    sheet: NDArray[np.int64],
+) -> None:
+    """Let the border of each sheet go on over gaps of little support, ``farthest`` cells at most: past machines."""
+    column = np.repeat(np.arange(ij.shape[0], dtype=np.int32), np.diff(begins))
+    depth = np.zeros(sheet.size, np.uint8)
+    queue = np.empty(sheet.size, np.int64)
+    done, count = 0, 0
+    for a in range(sheet.size):
+        if support[a] < least and support[sheet[a]] >= least:
+            queue[count] = a
+            count += 1
+    while done < count:
+        a = queue[done]
+        done += 1
+        if depth[a] == farthest:
+            continue
+        for k in range(8):
+            q = _column(ij, ij[column[a], 0] + DI[k], ij[column[a], 1] + DJ[k])
+            if q < 0:
+                continue
+            limit = rise * np.hypot(DI[k], DJ[k]) + step
+            for b in range(begins[q], begins[q + 1]):
+                loose = support[b] < least and support[sheet[b]] < least
+                if loose and _fits(a, b, height, headroom, limit, common):
+                    sheet[b], depth[b] = sheet[a], depth[a] + 1
+                    queue[count] = b
+                    count += 1
 
 
 @numba.njit(cache=True)
@@ -188,12 +229,14 @@ def bounds_of_sheets(
     """Count for each sheet how its sides go on, into ``tally`` (g, 4): up a wall, down to a floor, nowhere; and cells.
 
     From each gap one looks in four directions as far as ``reach`` cells: where the sheet goes on behind a hole it has
-    no border. A wall has points in the lower and in the upper part of ``band`` (3,) above the floor; a floor below is
-    at most ``deepest`` down.
+    no border. A wall has points in the lower and in the upper half of ``band`` (2,) above the floor, as far as the roof
+    is higher; a floor below is at most ``deepest`` down.
     """
     for c in range(ij.shape[0]):
         for a in range(begins[c], begins[c + 1]):
             tally[sheet[a], 3] += 1
+            end = min(band[1], headroom[a] - band[0])
+            middle = 0.5 * (band[0] + end)
             for k in range(4):
                 di, dj = (1, 0, -1, 0)[k], (0, 1, 0, -1)[k]
                 low, high, below, on = False, False, False, False
@@ -206,10 +249,10 @@ def bounds_of_sheets(
                         drop = height[a] - height[b]
                         below |= away <= 3 and 0.0 < drop <= deepest and headroom[b] >= drop
                     for r in range(first[q], first[q + 1]):
-                        low |= top[r] > height[a] + band[0] and bottom[r] < height[a] + band[1]
-                        high |= top[r] > height[a] + band[1] and bottom[r] < height[a] + band[2]
-                    if on or (low and high):
+                        low |= top[r] > height[a] + band[0] and bottom[r] < height[a] + middle
+                        high |= top[r] > height[a] + middle and bottom[r] < height[a] + end
+                    if on or below or (low and high):
                         break
                 if on:
                     continue
-                tally[sheet[a], 0 if low and high else 1 if below else 2] += 1
+                tally[sheet[a], 1 if below else 0 if low and high else 2] += 1

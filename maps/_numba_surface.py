@@ -88,6 +88,20 @@ def lower_envelope(
 
 
 @numba.njit(cache=True)
+def median_around(neighbours: NDArray[np.int32], values: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+    """Median of each cell and its neighbours, the lower one of two."""
+    near = np.empty(9, np.float32)
+    for row in range(values.size):
+        near[0], count = values[row], 1
+        for k in range(8):
+            other = neighbours[row, k]
+            if other >= 0:
+                near[count] = values[other]
+                count += 1
+        out[row] = np.sort(near[:count])[(count - 1) // 2]
+
+
+@numba.njit(cache=True)
 def spread(
     neighbours: NDArray[np.int32], values: NDArray[np.float32], weights: NDArray[np.float32], out: NDArray[np.float32]
 ) -> None:
@@ -100,6 +114,21 @@ def spread(
                 weight += weights[other]
                 total += weights[other] * values[other]
         out[row] = total / weight if weight > 0.0 else values[row]
+
+
+@numba.njit(cache=True)
+def ease(neighbours: NDArray[np.int32], rows: NDArray[np.int64], times: int, values: NDArray[np.float32]) -> None:
+    """Draw the values of some cells to the mean of those around, again and again, the others being fixed."""
+    for _ in range(times):
+        for row in rows:
+            total, count = np.float32(0.0), 0
+            for k in range(8):
+                other = neighbours[row, k]
+                if other >= 0:
+                    total += values[other]
+                    count += 1
+            if count > 0:
+                values[row] = total / np.float32(count)
 
 
 @numba.njit(cache=True)

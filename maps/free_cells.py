@@ -14,6 +14,7 @@ from maps._numba_surface import (
     steps_from,
     surroundings,
 )
+from maps.clutter import with_clutter
 from maps.columns import Columns
 from maps.floor_cells import FreeSpace
 from maps.settings import FreeSpaceSettings
@@ -33,6 +34,7 @@ def split_ground_and_walls(columns: Columns, settings: FreeSpaceSettings) -> Fre
     surface = floor_of(storeys_of(coarse, settings), coarse.cell, settings)
     if not len(surface):
         raise CloudError("shows no floor", mend="check that z points up and the floor was scanned")
+    surface = with_clutter(surface, coarse, settings)
     margin = round(0.5 * settings.max_gap_sparse / settings.ground_cell)
     surface = smoothed(surface.carried_on(margin, settings))
     return _free_cells(surface, columns, parts, settings)
@@ -42,7 +44,9 @@ def smoothed(surface: Surface) -> Surface:
     """With heights averaged over about a metre; those of cells that were not seen hardly count."""
     weights = np.where(surface.seen, np.float32(1.0), np.float32(0.05))
     height = surface.spread(surface.height, weights, 2)
-    return Surface(surface.cell, surface.ij, height, surface.headroom, surface.seen, surface.neighbours)
+    return Surface(
+        surface.cell, surface.ij, height, surface.headroom, surface.seen, surface.clutter, surface.neighbours
+    )
 
 
 def _free_cells(surface: Surface, columns: Columns, parts: int, settings: FreeSpaceSettings) -> FreeSpace:
@@ -65,7 +69,9 @@ def _free_cells(surface: Surface, columns: Columns, parts: int, settings: FreeSp
         floor,
         wall,
     )
-    free = _closed(surface, floor, parts, settings) & ~wall
+    clutter = np.repeat(surface.clutter, parts**2)
+    wall &= ~clutter
+    free = (_closed(surface, floor, parts, settings) | clutter) & ~wall
     free = _opened(surface, free, parts)
     fill_islands(surface.neighbours, parts, free, round(settings.max_clutter / settings.cell**2))
     return _free_space(surface, free, wall, height, parts, settings)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maps._numba_storeys import bounds_of_sheets, count_gaps, count_support, link_gaps, write_gaps
+from maps._numba_storeys import bounds_of_sheets, count_gaps, count_support, link_gaps, link_narrow_gaps, write_gaps
 from maps.columns import Columns
 from maps.settings import FreeSpaceSettings
 
@@ -22,9 +22,11 @@ _STEP_M = 0.2
 """Step from cell to cell that a floor may have beyond its slope: stones, noise, sleepers."""
 THIN_M = 0.2
 _SUPPORT = 4
-_LOOK_M = 2.4
-_DEEPEST_M, _TABLE_AREA_M2, _TABLE_SHARE = 4.0, 60.0, 0.25
-"""A machine's top is at most so high and so large, and at least this share of its border is over the floor."""
+_LOOK_M, _NARROW_M = 2.4, 4.0
+MAX_TABLE_HEIGHT_M, MAX_TABLE_AREA_M2 = 4.0, 60.0
+"""A machine's top is at most so high and so large."""
+_TABLE_SHARE, _ISLAND_SHARE = 0.25, 0.7
+"""At least such shares of its border are over the floor: the second of machines that stand free, of any size."""
 _WALL_SHARE = 0.3
 _LEAST_AREA_M2 = 8.0
 
@@ -51,9 +53,11 @@ def storeys_of(columns: Columns, settings: FreeSpaceSettings) -> Storeys:
     support = np.empty(len(height), np.int8)
     count_support(columns.ij, begins, height, headroom, rise, _STEP_M, _COMMON_M, support)
     sheet = np.empty(len(height), np.int64)
-    link_gaps(columns.ij, begins, height, headroom, support, _SUPPORT, rise, _STEP_M, _COMMON_M, sheet)
+    linking = (columns.ij, begins, height, headroom, support, _SUPPORT, rise, _STEP_M, _COMMON_M)
+    link_gaps(*linking, sheet)
+    link_narrow_gaps(*linking, round(_NARROW_M / columns.cell), sheet)
     tally = np.zeros((len(height), 4), np.int32)
-    band = np.array([settings.wall_from, 0.5 * (settings.wall_from + settings.wall_to), settings.wall_to])
+    band = np.array([settings.wall_from, settings.wall_to])
     bounds_of_sheets(
         columns.ij,
         columns.first,
@@ -68,7 +72,7 @@ def storeys_of(columns: Columns, settings: FreeSpaceSettings) -> Storeys:
         _COMMON_M,
         round(_LOOK_M / columns.cell),
         band,
-        _DEEPEST_M,
+        MAX_TABLE_HEIGHT_M,
         tally,
     )
     kept = _is_floor(tally, columns.cell)[sheet]
@@ -81,5 +85,5 @@ def _is_floor(tally: NDArray[np.int32], cell: float) -> NDArray[np.bool_]:
     wall, below, nowhere, cells = tally.T
     border = np.maximum(wall + below + nowhere, 1)
     area = cells * cell**2
-    table = (below > _TABLE_SHARE * border) & (area < _TABLE_AREA_M2)
+    table = (below > _ISLAND_SHARE * border) | (below > _TABLE_SHARE * border) & (area < MAX_TABLE_AREA_M2)
     return np.asarray((area > _LEAST_AREA_M2) & (wall > _WALL_SHARE * border) & ~table)
