@@ -26,7 +26,10 @@ _PATIENCE = 12  # looks without a worker until the build gives up: a minute
 _AHEAD = 2  # tasks queued for each thread
 _AGAIN = "run the same command again, it goes on with what is finished"
 _INSTALL = "install the same semmap there"
-_OF_ITS_OWN = {"logging.distributed": "critical", "distributed.scheduler.allowed-failures": 1}
+_OF_ITS_OWN = {
+    "distributed.scheduler.allowed-failures": 1,
+    "distributed.nanny.pre-spawn-environ.DASK_LOGGING__DISTRIBUTED": "critical",
+}
 
 
 class Engine(Protocol):

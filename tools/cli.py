@@ -153,6 +153,8 @@ def build(
     """
     from tools.build import build_database
 
+    if scheduler is not None and workers > 1:
+        raise typer.BadParameter("give --workers or --scheduler, not both")
     semantic_map = build_database(maps, out, _common.settings(), workers=workers, scheduler=scheduler, tile=tile)
     typer.echo(f"{len(semantic_map)} intersections: {out}")
 
