@@ -12,11 +12,16 @@ from maps.floor_cells import FreeSpace
 from maps.floor_patch import FloorPatch
 from maps.free_space import View, free_space_of_views
 from maps.intersections import Crossing, find_alternatives
-from maps.settings import MapSettings
+from maps.settings import MapSettings, TopologySettings
 from maps.topology import roadway_topology
 from semmap.errors import CloudError
 from semmap.geometry import Array
 from semmap.intersections import WallContour
+
+_BRANCH_SEEN, _TURN_SEEN = 0.6, 0.7
+"""Shares of an open branch's least length and of a corner's least turn that are enough in a view."""
+_LEAST_QUALITY = 0.4
+"""What less is seen of all around is nothing to go by."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,14 +59,25 @@ def observe_intersections(views: Sequence[View], settings: MapSettings | None = 
         space = free_space_of_views(views, settings.free_space).surface()
     except CloudError:
         return []
-    crossings = find_alternatives(roadway_topology(space, settings.topology), space, settings.topology)
+    topology = _as_seen(settings.topology)
+    crossings = find_alternatives(roadway_topology(space, topology), space, topology)
     sensors = np.array([view.p_sensor for view in views])
     near = [one for one in crossings if np.hypot(*(sensors - one.p)[:, :2].T).min() < settings.observe_range]
     if not near:
         return []
     surface = _on_floor(np.concatenate([view.points for view in views]), near, space, settings)
     seen = [_observed(one, surface, space, settings) for one in near]
-    return sorted(seen, key=lambda one: -one.quality)
+    return sorted((one for one in seen if one.quality >= _LEAST_QUALITY), key=lambda one: -one.quality)
+
+
+def _as_seen(settings: TopologySettings) -> TopologySettings:
+    """The map's settings for views, which show a part of what it shows.
+
+    Into an opening one sees from before it only as far as its near corner allows; and of the leg behind a corner only
+    the outer wall, so that the middle of what is seen leans towards the line of sight and the corner looks less sharp.
+    """
+    branch, turn = _BRANCH_SEEN * settings.open_branch, _TURN_SEEN * settings.corner_deg
+    return settings.model_copy(update={"open_branch": branch, "corner_deg": turn})
 
 
 def _on_floor(points: Array, crossings: Sequence[Crossing], space: FreeSpace, settings: MapSettings) -> Array:
