@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +20,6 @@ from tools.simulator.scenarios import plan
 from tools.simulator.surface import surface_of
 
 MESH_SUFFIXES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
-_EYES = 1.2
-"""[m] above the planned floor, in the air everywhere."""
 VOXEL = 0.18
 """[m] grid spacing of built-in mines: a quarter of the shortest wavelength of their rock noise."""
 
@@ -53,7 +50,7 @@ class Mine:
         self.triangles = np.ascontiguousarray(triangles, dtype=np.int32)
         self.raycaster = Raycaster(self.vertices, self.triangles, self.origin)
         self.scenario = scenario
-        self.junctions: tuple[Junction, ...] = self._on_rock(junctions_of(scenario)) if scenario else ()
+        self.junctions: tuple[Junction, ...] = junctions_of(scenario) if scenario else ()
 
     @property
     def area(self) -> float:
@@ -90,16 +87,6 @@ class Mine:
         mesh.compute_triangle_normals()
         if not o3d.io.write_triangle_mesh(Path(path), mesh):
             raise InputFileError("cannot be written", file=path, mend="end its name in .ply, .obj or .stl")
-
-    def _on_rock(self, junctions: tuple[Junction, ...]) -> tuple[Junction, ...]:
-        """The plan's junctions on the floor as it was dug, which is a little deeper where roadways meet."""
-        eyes = np.array([junction.p_map for junction in junctions]).reshape(-1, 3) + [0.0, 0.0, _EYES]
-        down = np.broadcast_to([0.0, 0.0, -1.0], eyes.shape)
-        floor = eyes[:, 2] - self.raycaster.cast(eyes, down).distances
-        return tuple(
-            replace(junction, p_map=np.append(junction.p_map[:2], height))
-            for junction, height in zip(junctions, floor, strict=True)
-        )
 
     def _triangle_areas(self) -> Array:
         p, q, r = np.moveaxis(self.vertices[self.triangles].astype(np.float64), 1, 0)
