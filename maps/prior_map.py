@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from maps.e57 import e57_extent, e57_points
 from maps.las import las_crs, las_extent, las_points
-from maps.las import save_laz as save_laz
 from maps.pcd import pcd_extent, pcd_points
 from maps.ply import ply_extent, ply_points
 from maps.point_table import Extent, steps

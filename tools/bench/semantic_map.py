@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from maps.prior_map import read_prior_map, save_laz
+from maps.las import save_laz
+from maps.prior_map import read_prior_map
 from semmap.geometry import Array
 from semmap.intersections import SemanticMap
 from tools.bench.agreement import HEADER, Agreement, Figures, Label, agreement, read_labels

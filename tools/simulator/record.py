@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from maps.prior_map import save_laz
+from maps.las import save_laz
 from semmap.errors import InputFileError
 from semmap.geometry import Array
 from semmap.measurements import Scan
