@@ -73,27 +73,39 @@ def engine(workers: int = 1, scheduler: str | None = None) -> Iterator[Engine]:
     if scheduler is None and workers == 1:
         yield ThisProcess()
         return
-    with ExitStack() as stack:
-        yield _Cluster(stack.enter_context(_connected(workers, scheduler, stack)))
+    _check_installed()
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters of it becomes an error of ours
+    with _on_this_machine(workers) if scheduler is None else _at(scheduler) as client:
+        yield _Cluster(client)
 
 
-@contextmanager
-def _connected(workers: int, scheduler: str | None, stack: ExitStack) -> Iterator[Any]:
-    """A client of the scheduler, or of a cluster of its own on this machine."""
+def _check_installed() -> None:
     try:
-        import dask
-        from distributed import Client, LocalCluster
+        import distributed  # noqa: F401
     except ImportError:
         mend = "pip install 'dask[distributed]', or leave out --workers and --scheduler"
         raise BuildError("Dask is not installed", mend=mend) from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters of it becomes an error of ours
-    stack.enter_context(dask.config.set(_OF_ITS_OWN))
-    if scheduler is None:
+
+
+@contextmanager
+def _on_this_machine(workers: int) -> Iterator[Any]:
+    """A client of so many worker processes, that end with the block."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(_OF_ITS_OWN))
         with _uninterrupted():
             cluster = stack.enter_context(LocalCluster(workers, threads_per_worker=1, dashboard_address=":0"))
-        with Client(cluster) as client:
-            yield client
-        return
+        yield stack.enter_context(Client(cluster))
+
+
+@contextmanager
+def _at(scheduler: str) -> Iterator[Any]:
+    """A client of a scheduler that runs already."""
+    from distributed import Client
+
     try:
         client = Client(scheduler, timeout=_CONNECT_S)
     except (OSError, ValueError) as reason:

@@ -115,6 +115,8 @@ def scheduler() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port)]
     process = subprocess.Popen([*command, "--no-dashboard"], stderr=subprocess.DEVNULL, env=_paths())
+    while not _answers(port):
+        time.sleep(0.05)
     yield f"tcp://127.0.0.1:{port}", process
     process.kill()
     process.wait()
@@ -125,8 +127,8 @@ def test_a_scheduler_of_ones_own(
 ) -> None:
     """It works with the workers it is given, says when there are none, and when it is lost."""
     address, process = scheduler
+    monkeypatch.setattr(engines, "_CONNECT_S", 2.0)
     with engine(scheduler=address) as found:
-        monkeypatch.setattr(engines, "_CONNECT_S", 0.5)
         with pytest.raises(BuildError, match="the scheduler: has no workers; start some with `dask worker`"):
             found.check_sees([tmp_path])
         monkeypatch.setattr(engines, "_CONNECT_S", 30.0)
@@ -153,3 +155,8 @@ def test_a_scheduler_of_ones_own(
 def _paths() -> dict[str, str]:
     """The environment of a worker that can import what these tests send it."""
     return os.environ | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+
+
+def _answers(port: int) -> bool:
+    with socket.socket() as knock:
+        return knock.connect_ex(("127.0.0.1", port)) == 0
