@@ -30,17 +30,19 @@ _COMPARED = ("contour", "free_space", "topology")
 class MergeSettings(Settings):
     """When intersections of two surveys are one, and in what they may differ.
 
-    near : intersections closer than this are one, once the surveys lie on each other [m].
+    near, max_rise : intersections nearer than this in plan and in height, the shift taken out, are one [m].
     max_shift : how far the surveys may lie apart as a whole [m].
     min_similarity : least similarity of contours that agree.
     max_bearing_deg : greatest difference of the bearings of one branch.
     max_move : greatest distance of two that agree, the shift of the surveys taken out [m].
     min_gain : where the surveys agree, B's description replaces A's if its quality is better by this.
-    max_loss : where they do not, B's, being newer, replaces A's unless its quality is worse by this.
+    max_loss : where they do not, the one that shows more branches is kept, or B's, being newer, unless its quality is
+        worse by this.
     """
 
     near: PositiveFloat = 5.0
-    max_shift: PositiveFloat = 2.0
+    max_rise: PositiveFloat = 2.0
+    max_shift: PositiveFloat = 3.0
     min_similarity: PositiveFloat = Field(default=0.6, le=1.0)
     max_bearing_deg: PositiveFloat = 25.0
     max_move: PositiveFloat = 1.0
@@ -119,13 +121,14 @@ def merge_maps(
     settings = settings or MergeSettings()
     map_settings = _common_settings(a, b)
     tables = IntersectionTable.of(a.intersections), IntersectionTable.of(b.intersections)
-    near = candidates(*tables, settings.near + settings.max_shift, map_settings.contour)
-    shift = shift_between(near)
+    reach = float(np.hypot(settings.near, settings.max_rise)) + settings.max_shift
+    near = candidates(*tables, reach, map_settings.contour)
+    shift = shift_between(near, settings.max_shift)
     if align and shift is None:
         raise SettingsError("too few intersections agree to tell the shift", field="align", mend="merge without it")
     offset = shift.offset if shift is not None and shift.significant else np.zeros(3)
     applied = offset if align else np.zeros(3)
-    matched = _matched(near, offset, settings.near)
+    matched = _matched(near, offset, settings)
     pairs = _pairs(*tables, matched, settings)
     table, id_of_b = _merged_table(*tables, matched, pairs, applied)
     roadways = merge_roadways(
@@ -170,40 +173,49 @@ def _common_settings(a: SemanticMap, b: SemanticMap) -> MapSettings:
     return made_a
 
 
-def _matched(near: Candidates, offset: Array, radius: float) -> Candidates:
+def _matched(near: Candidates, offset: Array, settings: MergeSettings) -> Candidates:
     """The pairs that are one intersection, once B lies on A."""
     moved = replace(near, offset=near.offset - offset)
-    return one_to_one(moved.where(np.linalg.norm(moved.offset, axis=1) < radius), radius)
+    aside, rise = np.hypot(*moved.offset[:, :2].T), np.abs(moved.offset[:, 2])
+    return one_to_one(moved.where((aside < settings.near) & (rise < settings.max_rise)), settings.near)
 
 
 def _pairs(a: IntersectionTable, b: IntersectionTable, matched: Candidates, s: MergeSettings) -> tuple[Pair, ...]:
     pairs = []
-    for i, j, offset, similarity in zip(
-        matched.row_a.tolist(), matched.row_b.tolist(), matched.offset, matched.similarity.tolist(), strict=True
-    ):
-        differences = "; ".join(
-            [
-                *_shape_differences(a.columns, i, b.columns, j, s),
-                *([f"walls differ (similarity {similarity:.2f})"] if similarity < s.min_similarity else []),
-                *([_move_text(-offset)] if np.linalg.norm(offset) > s.max_move else []),
-            ]
-        )
-        kept, why = _kept(float(a.columns.quality[i]), float(b.columns.quality[j]), bool(differences), s)
+    rows = zip(matched.row_a.tolist(), matched.row_b.tolist(), matched.offset, matched.similarity.tolist(), strict=True)
+    for i, j, offset, similarity in rows:
+        differences = "; ".join(_differences(a.columns, i, b.columns, j, offset, similarity, s))
+        qualities = float(a.columns.quality[i]), float(b.columns.quality[j])
+        more = int(b.columns.branch_counts[j] - a.columns.branch_counts[i])
+        kept, why = _chosen(*qualities, more, s) if differences else _better(*qualities, s)
         ids = int(a.columns.id[i]), int(b.columns.id[j])
         pairs.append(Pair(*ids, similarity, float(np.linalg.norm(offset)), differences, kept, why))
     return tuple(pairs)
 
 
-def _shape_differences(
-    a: IntersectionColumns, i: int, b: IntersectionColumns, j: int, settings: MergeSettings
+def _differences(
+    a: IntersectionColumns,
+    i: int,
+    b: IntersectionColumns,
+    j: int,
+    offset: Array,
+    similarity: float,
+    settings: MergeSettings,
 ) -> list[str]:
-    """What an intersection is in either survey, if that is not the same."""
+    """What an intersection is in one survey and not in the other; with other branches it looks and lies elsewhere."""
     bearings_a, bearings_b = a.bearings(i), b.bearings(j)
     if len(bearings_a) != len(bearings_b):
         return [f"{a.kind[i]} with {len(bearings_a)} branches in A, {b.kind[j]} with {len(bearings_b)} in B"]
+    differences = []
     if _turn(bearings_a, bearings_b) > np.radians(settings.max_bearing_deg):
-        return [f"branches at {_degrees(bearings_a)} in A, at {_degrees(bearings_b)} in B"]
-    return [f"{a.kind[i]} in A, {b.kind[j]} in B"] if a.kind[i] != b.kind[j] else []
+        differences.append(f"branches at {_degrees(bearings_a)} in A, at {_degrees(bearings_b)} in B")
+    elif a.kind[i] != b.kind[j]:
+        differences.append(f"{a.kind[i]} in A, {b.kind[j]} in B")
+    if similarity < settings.min_similarity:
+        differences.append(f"walls differ (similarity {similarity:.2f})")
+    if np.linalg.norm(offset) > settings.max_move:
+        differences.append(f"{float(np.linalg.norm(offset)):.1f} m from A's place in B ({directions(-offset)})")
+    return differences
 
 
 def _turn(a: Array, b: Array) -> float:
@@ -218,10 +230,6 @@ def _degrees(bearings: Array) -> str:
     return " ".join(f"{value:.0f}°" for value in np.degrees(bearings))
 
 
-def _move_text(move: Array) -> str:
-    return f"{float(np.linalg.norm(move)):.1f} m from A's place in B ({directions(move)})"
-
-
 def directions(move: Array) -> str:
     """A displacement (3,) [m] in words, x being east and y north."""
     names = (("east", "west"), ("north", "south"), ("up", "down"))
@@ -229,14 +237,22 @@ def directions(move: Array) -> str:
     return ", ".join(parts) or "nowhere"
 
 
-def _kept(quality_a: float, quality_b: float, differ: bool, settings: MergeSettings) -> tuple[Survey, str]:
-    """Whose description is kept, and why."""
-    figures = f"quality {quality_b:.2f} against {quality_a:.2f}"
-    if differ:
-        worse = quality_b < quality_a - settings.max_loss
-        return ("A", f"B is newer but seen much worse, {figures}") if worse else ("B", f"newer, {figures}")
-    better = quality_b > quality_a + settings.min_gain
-    return ("B", f"seen better, {figures}") if better else ("A", "the surveys agree")
+def _better(quality_a: float, quality_b: float, settings: MergeSettings) -> tuple[Survey, str]:
+    """Which of two descriptions that agree is kept, and why."""
+    if quality_b > quality_a + settings.min_gain:
+        return "B", f"seen better, quality {quality_b:.2f} against {quality_a:.2f}"
+    return "A", "the surveys agree"
+
+
+def _chosen(quality_a: float, quality_b: float, more: int, settings: MergeSettings) -> tuple[Survey, str]:
+    """Which of two that contradict each other, B with so many branches ``more``: surveys often do not show all
+    roadways, and roadways are rarely filled in."""
+    preferred: Survey = "A" if more < 0 else "B"
+    why = "shows more branches" if more else "newer"
+    quality, other = (quality_b, quality_a) if preferred == "B" else (quality_a, quality_b)
+    if quality < other - settings.max_loss:
+        return ("A" if preferred == "B" else "B"), f"seen much better, quality {other:.2f} against {quality:.2f}"
+    return preferred, f"{why}, quality {quality:.2f} against {other:.2f}"
 
 
 def _merged_table(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ _SAME_END_M = 3.0
 """Ends of roadways nearer than this are one; a stretch shorter than this is not new."""
 _GAPS = 0.1
 """A long roadway is known even if this share of it is not on known ones."""
+_BESIDE_M = 1.0
+"""A roadway that is on a known one for no longer than this only comes near it."""
 _CUT_M = 1.0
 """Roadways are cut no nearer than this to their ends."""
 _TOGETHER_M = 10.0
@@ -169,18 +172,19 @@ class _Overlay:
         return [*pieces, road]
 
     def _add(self, piece: Road, on: NDArray[np.bool_]) -> None:
-        """Add a piece that is new; where it runs along known roadways for long before it parts, only from there on."""
+        """Add the stretches of a piece that are new; where they leave known roadways, not at its ends, is a meeting."""
         samples = piece.samples()
         step = piece.length / (len(samples) - 1)
-        first, last = np.flatnonzero(~on)[[0, -1]].tolist()
-        if (len(on) - 1 - last) * step > _TOGETHER_M:
-            piece, _ = piece.cut((last + 1) * step, self._meeting(samples[last + 1]), samples[last + 1])
-        if first * step > _TOGETHER_M:
-            _, piece = piece.cut((first - 1) * step, self._meeting(samples[first - 1]), samples[first - 1])
-        a, b = (self._placed(node) for node in piece.nodes)
-        self.net.add_road(piece.changed((a, b), piece.axis + self._back, piece.profile))
-        self._added += piece.length
-        self._touched |= {a: None, b: None}
+        nodes = {0: piece.nodes[0], len(samples) - 1: piece.nodes[1]}
+        for first, last in _new_stretches(on, step):
+            for k in (first, last):
+                if k not in nodes:
+                    nodes[k] = self._meeting(samples[k])
+            a, b = nodes[first], nodes[last] = self._placed(nodes[first]), self._placed(nodes[last])
+            road = piece.between((first * step, last * step), (a, b), samples[[first, last]])
+            self.net.add_road(road.changed((a, b), road.axis + self._back, road.profile))
+            self._added += road.length
+            self._touched |= {a: None, b: None}
 
     def _meeting(self, p: Array) -> int:
         """A node on a known roadway where a new one leaves it."""
@@ -258,3 +262,24 @@ def _is_known(on: NDArray[np.bool_], length: float) -> bool:
     """Whether a piece of which the samples ``on`` lie along known roadways is nothing new."""
     unknown = float(np.mean(~on))
     return unknown * length < _SAME_END_M or (unknown < _GAPS and unknown * length < _TOGETHER_M)
+
+
+def _new_stretches(on: NDArray[np.bool_], step: float) -> list[tuple[int, int]]:
+    """First and last sample of the stretches to add of a piece whose samples ``on``, ``step`` [m] apart, are known.
+
+    A stretch runs on to the end of the piece, or across a known roadway to the middle of it, unless the piece runs
+    along known roadways there for long.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~on, [False]]).astype(np.int8)))
+    runs = edges.reshape(-1, 2)
+    length = np.diff(runs, axis=1)[:, 0]
+    runs = runs[length >= min(_SAME_END_M / step, length.max())].tolist()
+    bounds = [0 if runs[0][0] * step <= _TOGETHER_M else runs[0][0] - 1]
+    for (_, end), (begin, _) in pairwise(runs):
+        if (begin - end) * step > _TOGETHER_M:
+            bounds += [end, begin - 1]
+        elif (begin - end) * step > _BESIDE_M:
+            bounds += [(begin + end) // 2] * 2
+    left = len(on) - runs[-1][1]
+    bounds.append(len(on) - 1 if left * step <= _TOGETHER_M else runs[-1][1])
+    return list(zip(bounds[::2], bounds[1::2], strict=True))

@@ -13,6 +13,7 @@ from semmap.geometry import Array
 from semmap.intersections import RoadwayGraph, axis_slope
 
 _STEP_M = 0.5
+_TINY_M = 1e-6
 _REACH_M = (1.5, 2.5)
 """Least and greatest distance from an axis that is still on the road: half its width, within these."""
 
@@ -57,14 +58,17 @@ class Road:
 
     def cut(self, at: float, node: int, p: Array) -> tuple[Road, Road]:
         """The two parts, cut ``at`` [m] along the axis, where ``node`` is at ``p`` (3,)."""
+        (a, b), total = self.nodes, float(self.walked()[-1])
+        first = self.between((0.0, at), (a, node), np.stack([self.axis[0], p]))
+        return first, self.between((at, total), (node, b), np.stack([p, self.axis[-1]]))
+
+    def between(self, at: tuple[float, float], nodes: tuple[int, int], p: Array) -> Road:
+        """The part between two places ``at`` [m] along the axis, where ``nodes`` are at ``p`` (2, 3)."""
         walked = self.walked()
-        k = int(np.searchsorted(walked, at).clip(1, len(walked) - 1))
-        here = np.array([np.interp(at, walked, column) for column in self.profile.T])
-        a, b = self.nodes
-        return (
-            self.changed((a, node), np.vstack([self.axis[:k], p]), np.vstack([self.profile[:k], here])),
-            self.changed((node, b), np.vstack([p, self.axis[k:]]), np.vstack([here, self.profile[k:]])),
-        )
+        inner = slice(*np.searchsorted(walked, [at[0] + _TINY_M, at[1] - _TINY_M]).tolist())
+        ends = np.stack([np.interp(at, walked, column) for column in self.profile.T], axis=-1)
+        axis = np.vstack([p[:1], self.axis[inner], p[1:]])
+        return self.changed(nodes, axis, np.vstack([ends[:1], self.profile[inner], ends[1:]]))
 
     def joined(self, after: Road) -> Road:
         """This road and the one that goes on from its second node."""

@@ -68,9 +68,10 @@ def _similarity(a: WallContour, b: WallContour, settings: ContourSettings) -> fl
     return float(np.roll(scores, _SLACK_SECTORS)[: 2 * _SLACK_SECTORS + 1].max())
 
 
-def shift_between(near: Candidates) -> Shift | None:
-    """Median offset of the pairs that look the same beyond doubt; None where there are fewer than three."""
-    sure = one_to_one(near.where(near.similarity > _SURE), np.linalg.norm(near.offset, axis=1).max(initial=1.0))
+def shift_between(near: Candidates, limit: float) -> Shift | None:
+    """Median offset of the pairs nearer than ``limit`` [m] that surely are the same; None of fewer than three."""
+    apart = np.linalg.norm(near.offset, axis=1)
+    sure = one_to_one(near.where((near.similarity > _SURE) & (apart < limit)), limit)
     count = len(sure.row_a)
     if count < _MIN_PAIRS:
         return None
@@ -80,8 +81,10 @@ def shift_between(near: Candidates) -> Shift | None:
 
 
 def one_to_one(near: Candidates, scale: float) -> Candidates:
-    """Of pairs that share an intersection the one that is most alike and nearest; ``scale`` [m] off cost as much as
-    half the similarity. In the order of A."""
+    """Of pairs that share an intersection the one that is most alike and nearest, in the order of A.
+
+    scale : a pair this far apart [m] must be more alike by a half.
+    """
     worth = near.similarity - 0.5 * np.linalg.norm(near.offset, axis=1) / scale
     chosen, taken_a, taken_b = [], set[int](), set[int]()
     for k in np.argsort(-worth, kind="stable").tolist():

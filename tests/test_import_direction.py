@@ -20,6 +20,7 @@ DOORS = {
     "dask": ("maps/engine.py",),
     "distributed": ("maps/engine.py",),
     "matplotlib": ("tools/report/", "tools/bench/"),
+    "networkx": ("tools/export.py",),
     "typer": ("tools/cli.py",),
     "rich": ("tools/",),
 }
