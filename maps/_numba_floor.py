@@ -37,7 +37,8 @@ def nearest_edges(neighbours: NDArray[np.int32], to_edge: NDArray[np.int16]) -> 
                             continue
                         c += to_edge[other, 0]
                         d += to_edge[other, 1]
-                    if c * c + d * d < best:
+                    # 0 where a folded surface passes under itself: its edge is not where the cell is
+                    if 0 < c * c + d * d < best:
                         best = c * c + d * d
                         to_edge[row, 0], to_edge[row, 1] = c, d
                         changed = True

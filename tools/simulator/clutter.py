@@ -40,14 +40,14 @@ def clutter(mine: Mine, lines: Sequence[Array], settings: SurveySettings, rng: n
 
     lines : (k, 3) floor points along the roadways in the map frame, a line each.
     """
-    things: list[list[Box]] = []
+    things = _conveyors(mine, lines, settings.conveyors, rng)
     kinds = ((settings.vehicles, _vehicle), (settings.pallets, _pallet), (settings.posts, _post))
     for count, make in kinds:
         for _ in range(count):
             thing = _placed(mine, lines, make, things, rng)
             if thing:
                 things.append(thing)
-    return [box for thing in (*things, *_conveyors(mine, lines, settings.conveyors, rng)) for box in thing]
+    return [box for thing in things for box in thing]
 
 
 class _Place:
