@@ -95,15 +95,17 @@ def survey(paths: str | Path | Sequence[str | Path]) -> Survey:
     digests: dict[str, str] = {}
     crs: str | None = None
     pieces: list[Piece] = []
+    samples: list[Array] = []
     for path in files:
         size = _size(path)
         if path.name in digests:
             raise InputFileError("has the name of another map file", file=path, mend="name each file once")
-        pieces.extend(_pieces(path, size))
+        found = _pieces(path, size)
+        pieces += found
+        samples.append(_sample(found))
         crs = _one_crs(crs, path)
         with path.open("rb") as file:
             digests[path.name] = hashlib.file_digest(file, "sha256").hexdigest()
-    samples = [_sample([piece for piece in pieces if piece.path == path]) for path in files]
     return Survey(tuple(pieces), _round_origin(samples), digests, crs)
 
 

@@ -57,6 +57,8 @@ def kept_whole(path: Path) -> Iterator[Path]:
             with written_whole(path) as temporary:
                 yield temporary
         except InputFileError as error:
+            if error.file != path:
+                raise  # what the block reads is at fault, not what it writes
             raise BuildError(error.what, file=path, mend=_MAKE_ROOM) from None
 
 

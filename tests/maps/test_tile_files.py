@@ -156,10 +156,13 @@ def test_a_copy_of_the_same_files_goes_on(files: list[Path], tmp_path: Path, rea
     assert len(reads) == 8
 
 
-def test_a_damaged_second_file_is_named_and_nothing_stays(files: list[Path], tmp_path: Path) -> None:
-    files[1].write_bytes(files[1].read_bytes()[: files[1].stat().st_size // 2])
-    with pytest.raises(InputFileError, match=r"1\.laz: is (damaged|cut off)"):
-        build(files, tmp_path / "work")
+@pytest.mark.parametrize("suffix", [".laz", ".las"], ids=["found at once", "found while reading"])
+def test_a_damaged_second_file_is_named_and_nothing_stays(files: list[Path], tmp_path: Path, suffix: str) -> None:
+    broken = tmp_path / f"broken{suffix}"
+    save_laz(broken, HERE + np.random.default_rng(3).uniform(-9, 9, (10_000, 3)))
+    broken.write_bytes(broken.read_bytes()[: broken.stat().st_size // 2])
+    with pytest.raises(InputFileError, match=r"broken\.la[sz]: is (damaged|cut off)"):
+        build([files[0], broken], tmp_path / "work")
     assert not (tmp_path / "work").exists()
 
 
