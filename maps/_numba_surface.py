@@ -317,6 +317,30 @@ def fill_islands(neighbours: NDArray[np.int32], parts: int, mask: NDArray[np.boo
 
 
 @numba.njit(cache=True)
+def in_large_piece(neighbours: NDArray[np.int32], least: int, large: NDArray[np.bool_]) -> None:
+    """Whether each cell is in a connected piece of at least so many cells."""
+    n = neighbours.shape[0]
+    large[:] = False
+    seen = np.zeros(n, np.bool_)
+    queue = np.empty(n, np.int32)
+    for start in range(n):
+        if seen[start]:
+            continue
+        seen[start] = True
+        queue[0] = start
+        done, count = 0, 1
+        while done < count:
+            for other in neighbours[queue[done]]:
+                if other >= 0 and not seen[other]:
+                    seen[other] = True
+                    queue[count] = other
+                    count += 1
+            done += 1
+        for m in range(count):
+            large[queue[m]] = count >= least
+
+
+@numba.njit(cache=True)
 def neighbours_of_parts(
     neighbours: NDArray[np.int32],
     parts: int,

@@ -16,12 +16,13 @@ from maps._numba_surface import all_around, any_around, ease, link_cells
 from maps.columns import Columns
 from maps.settings import FreeSpaceSettings
 from maps.storeys import MAX_TABLE_AREA_M2, MAX_TABLE_HEIGHT_M
-from maps.surface import Surface
+from maps.surface import APART_M, Surface
 from semmap.geometry import Array
 
-_CLEAR_M = 0.4
+_CLEAR_M = 0.3
 _FARTHEST_M, _LOOK_M = 4.0, 1.2
 _LEVEL_M = 0.2
+_LEAST_AREA_M2 = 1.0
 _BESIDE_M = 2.5
 _NOTHING = np.float32(-1e6)
 _EASE = 60
@@ -56,7 +57,7 @@ def with_clutter(surface: Surface, columns: Columns, settings: FreeSpaceSettings
     found = np.flatnonzero(np.isfinite(floor))
     labels = _bodies(columns.ij[found], np.maximum(top[found], _NOTHING), columns.cell)
     clutter = (labels >= 0) & _stands(found, labels, floor, top, surface, columns, settings)
-    found = found[_with_sides(columns.ij[found], clutter, np.isfinite(roof[found]))]
+    found = found[_with_sides(clutter, columns.ij[found], floor[found], np.isfinite(roof[found]))]
     return _eased(
         surface.extended(columns.ij[found], floor[found], roof[found] - floor[found], True, settings), settings
     )
@@ -79,15 +80,30 @@ def _bodies(ij: NDArray[np.int32], top: NDArray[np.float32], cell: float) -> NDA
     """
     neighbours = np.empty((len(ij), 8), np.int32)
     link_cells(ij, top, 0.0, _LEVEL_M, neighbours)
-    inner, wide = np.empty((2, len(ij)), np.bool_)
-    all_around(neighbours, 1, np.ones(len(ij), np.bool_), inner)
-    any_around(neighbours, 1, inner, wide)
+    wide = np.where(top == _NOTHING, _in_large_square(neighbours), _in_square(neighbours))
     rows, k = np.nonzero((neighbours >= 0) & wide[:, None])
     others = neighbours[rows, k]
-    joined = coo_matrix((wide[others], (rows, others)), shape=(len(ij), len(ij)))
+    both = wide[others]
+    joined = coo_matrix((both[both], (rows[both], others[both])), shape=(len(ij), len(ij)))
     labels = connected_components(joined, directed=False)[1].astype(np.int32)
     area: Array = np.bincount(labels, minlength=1)[labels] * cell**2
-    return np.where(wide & ((area < MAX_TABLE_AREA_M2) | (top == _NOTHING)), labels, np.int32(-1))
+    wide &= (area > _LEAST_AREA_M2) & ((area < MAX_TABLE_AREA_M2) | (top == _NOTHING))
+    return np.where(wide, labels, np.int32(-1))
+
+
+def _in_square(neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Cells (n,) that make a square of two by two with three neighbours, or of which a neighbour does."""
+    there = neighbours >= 0
+    corner = there & np.roll(there, -1, axis=1) & np.roll(there, -2, axis=1)
+    return np.asarray(corner[:, ::2].any(axis=1))
+
+
+def _in_large_square(neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Cells (n,) of squares of three by three."""
+    inner, wide = np.empty((2, len(neighbours)), np.bool_)
+    all_around(neighbours, 1, np.ones(len(neighbours), np.bool_), inner)
+    any_around(neighbours, 1, inner, wide)
+    return wide
 
 
 def _stands(
@@ -121,10 +137,12 @@ def _stands(
     return np.asarray((tally[:, 1] <= _MOST_OPEN * tally.sum(axis=1))[labels])
 
 
-def _with_sides(ij: NDArray[np.int32], clutter: NDArray[np.bool_], roofed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _with_sides(
+    clutter: NDArray[np.bool_], ij: NDArray[np.int32], floor: NDArray[np.float32], roofed: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
     """The clutter (n,) and what stands within two cells of it, free below a roof: the sides of machines."""
     neighbours = np.empty((len(ij), 8), np.int32)
-    link_cells(ij, np.zeros(len(ij), np.float32), 0.0, 1.0, neighbours)
+    link_cells(ij, floor, 0.0, APART_M, neighbours)
     once, twice = np.empty((2, len(ij)), np.bool_)
     any_around(neighbours, 1, clutter, once)
     any_around(neighbours, 1, once & roofed, twice)

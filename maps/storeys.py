@@ -28,7 +28,7 @@ MAX_TABLE_HEIGHT_M, MAX_TABLE_AREA_M2 = 4.0, 60.0
 _TABLE_SHARE, _ISLAND_SHARE = 0.25, 0.7
 """At least such shares of its border are over the floor: the second of machines that stand free, of any size."""
 _WALL_SHARE = 0.3
-_LEAST_AREA_M2 = 8.0
+LEAST_AREA_M2 = 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,4 +86,4 @@ def _is_floor(tally: NDArray[np.int32], cell: float) -> NDArray[np.bool_]:
     border = np.maximum(wall + below + nowhere, 1)
     area = cells * cell**2
     table = (below > _ISLAND_SHARE * border) | (below > _TABLE_SHARE * border) & (area < MAX_TABLE_AREA_M2)
-    return np.asarray((area > _LEAST_AREA_M2) & (wall > _WALL_SHARE * border) & ~table)
+    return np.asarray((area > LEAST_AREA_M2) & (wall > _WALL_SHARE * border) & ~table)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maps._numba_surface import link_cells, lower_envelope, median_around, propose, spread
+from maps._numba_surface import in_large_piece, link_cells, lower_envelope, median_around, propose, spread
 from maps.settings import FreeSpaceSettings
-from maps.storeys import Storeys
+from maps.storeys import LEAST_AREA_M2, Storeys
 
 APART_M, _STEP_M = 1.0, 0.6
 """Floors over each other are at least so far apart; what is nearer belongs together, be it a ledge of the wall."""
@@ -73,6 +73,12 @@ class Surface:
         envelope = np.empty_like(self.height)
         lower_envelope(self.neighbours, self.height, settings.max_slope * self.cell, envelope)
         return self.only(self.height <= envelope + _THICK_M, settings)
+
+    def without_scraps(self, settings: FreeSpaceSettings) -> Surface:
+        """Without pieces too small to be a place: what of walls and machines looked like floor."""
+        large = np.empty(len(self), np.bool_)
+        in_large_piece(self.neighbours, round(LEAST_AREA_M2 / self.cell**2), large)
+        return self.only(large, settings)
 
     def with_steady_roof(self) -> Surface:
         """With the median headroom around: beside walls that lean in, a column may show the next level's floor."""
@@ -143,7 +149,7 @@ def floor_of(storeys: Storeys, cell: float, settings: FreeSpaceSettings) -> Surf
     """The floor as far as it was seen."""
     seen = np.ones(len(storeys.ij), np.bool_)
     surface = Surface.linked(cell, storeys.ij, storeys.height, storeys.headroom, seen, ~seen, settings)
-    return surface.gently_sloping(settings).with_steady_roof()
+    return surface.gently_sloping(settings).without_scraps(settings).with_steady_roof()
 
 
 def _places(count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
