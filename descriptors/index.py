@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter1d
 from descriptors.bounds import Agreement, Bounds
 from descriptors.codes import Codes
 from descriptors.settings import ContourSettings
-from descriptors.similarity import completeness, scores_by_yaw, spectrum, yaw_at
+from descriptors.similarity import Spectrum, completeness, scores_by_yaw, spectrum, yaw_at
 from semmap.geometry import Array
 from semmap.intersections import WallContour
 
@@ -27,7 +27,7 @@ _APART = 0.5
 """Yaws closer than this are one [rad]."""
 _FIRST = 256
 """The contours most promising from afar are scored first: what they reach rules most others out."""
-_AT_ONCE = 16
+_AT_ONCE = 8
 """Contours scored before those left are held against what was found."""
 _BLOCK = 256
 """Contours whose spectra are in memory at a time."""
@@ -75,11 +75,14 @@ class ContourIndex:
         return len(self._contours.pwcv)
 
     def similarities(self, query: WallContour) -> Array:
-        """PWCV similarity (n,) of the query to every contour, each at its best yaw."""
-        of_query, best = spectrum(query, self._settings), np.zeros(len(self))
+        """PWCV similarity (n,) of the query to every contour, each at its best yaw; of m stacked queries (m, n)."""
+        of_query, queries = spectrum(query, self._settings), query.pwcv.shape[:-1]
+        best = np.zeros((*queries, len(self)))
         for k in range(0, len(self), _BLOCK):
             block = spectrum(self._contours.at(slice(k, k + _BLOCK)), self._settings)
-            best[k : k + _BLOCK] = scores_by_yaw(of_query, block)[0].max(axis=-1)
+            for one in np.ndindex(queries):
+                scores, _ = scores_by_yaw(Spectrum(of_query.harmonics[one], of_query.observed[one]), block)
+                best[one][k : k + _BLOCK] = scores.max(axis=-1)
         return best
 
     def best(self, query: WallContour, k: int, allowed: NDArray[np.bool_] | None = None) -> list[Match]:

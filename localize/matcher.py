@@ -89,7 +89,7 @@ class IntersectionMatcher:
         self._ids = semantic_map.columns.id
         self._p_map = semantic_map.p_map - origin
         self._map_settings = validate(MapSettings, dict(semantic_map.settings), file=None, error=DatabaseError)
-        self._index = ContourIndex([i.contour for i in self._intersections], self._map_settings.contour)
+        self._index = ContourIndex(semantic_map.contours, self._map_settings.contour)
         self._verifier = Verifier(settings.verification)
         self._sights: list[_Sight] = []
         self._unconfirmed: deque[tuple[Array, Pin]] = deque(maxlen=20)

@@ -115,6 +115,15 @@ def test_no_default_is_needed(settings: ContourSettings) -> None:
         assert [(match.row, match.pwcv) for match in index.best(query, 7)] == expected
 
 
+def test_similarities_of_stacked_queries_are_those_of_each() -> None:
+    there, queries = world(300, 13), crossings(3, SETTINGS, 14, hidden=0.5)
+    index = ContourIndex(there, SETTINGS)
+    together = index.similarities(queries)
+    assert_array_equal(together, [index.similarities(queries.at(k)) for k in range(3)])
+    for k in range(3):
+        assert_array_equal(together[k], all_scores(queries.at(k), there, SETTINGS).max(axis=1))
+
+
 def test_equal_contours_come_in_the_order_of_their_rows() -> None:
     one, other = crossings(2, SETTINGS, 1).at(0), crossings(2, SETTINGS, 1).at(1)
     index = ContourIndex([other, one, one, other, one] * 70, SETTINGS)
