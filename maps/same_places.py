@@ -18,7 +18,8 @@ _SURE = 0.8
 _SLACK_SECTORS = 2
 _MIN_PAIRS = 3
 _SIGMA_OF_MAD = 1.4826
-_LEAST_M = 0.1
+_RASTER_STD_M = 0.05
+"""What the cells that invariant points are found on add to the error of all of them alike [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,8 +32,8 @@ class Shift:
 
     @property
     def significant(self) -> bool:
-        """Whether it is more than chance, and more than a decimetre."""
-        return bool(np.any((np.abs(self.offset) > 3.0 * self.std) & (np.abs(self.offset) > _LEAST_M)))
+        """Whether it is more than chance."""
+        return bool(np.any(np.abs(self.offset) > 3.0 * self.std))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +78,7 @@ def shift_between(near: Candidates, limit: float) -> Shift | None:
         return None
     offset = np.median(sure.offset, axis=0)
     spread = _SIGMA_OF_MAD * np.median(np.abs(sure.offset - offset), axis=0)
-    return Shift(offset, spread / np.sqrt(count), count)
+    return Shift(offset, np.hypot(spread / np.sqrt(count), _RASTER_STD_M), count)
 
 
 def one_to_one(near: Candidates, scale: float) -> Candidates:
