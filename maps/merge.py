@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from textwrap import shorten
 from typing import Literal
 
 import numpy as np
@@ -16,6 +17,7 @@ from pydantic import Field, PositiveFloat
 from maps.merge_roadways import MergedRoadways, merge_roadways
 from maps.same_places import Candidates, Shift, candidates, one_to_one, shift_between
 from maps.settings import MapSettings
+from semmap.crs import same_crs
 from semmap.errors import DatabaseError, SettingsError
 from semmap.geometry import Array
 from semmap.intersections import IntersectionColumns, IntersectionTable, SemanticMap
@@ -161,8 +163,10 @@ def _common_settings(a: SemanticMap, b: SemanticMap) -> MapSettings:
     """The settings both maps were made with; raises `DatabaseError` that names what differs."""
     if a.frame != b.frame:
         raise DatabaseError(f"is {b.frame!r} in B and {a.frame!r} in A", field="frame", mend="use one map frame")
-    if a.crs and b.crs and a.crs != b.crs:
-        raise DatabaseError(f"is {b.crs} in B and {a.crs} in A", field="crs", mend="build both in one system")
+    if a.crs and b.crs and not same_crs(a.crs, b.crs):
+        raise DatabaseError(
+            f"is {shorten(b.crs, 60)} in B and {shorten(a.crs, 60)} in A", field="crs", mend="build both in one system"
+        )
     made_a, made_b = (validate(MapSettings, dict(m.settings), file=None, error=DatabaseError) for m in (a, b))
     for block in _COMPARED:
         values_a, values_b = getattr(made_a, block).model_dump(), getattr(made_b, block).model_dump()

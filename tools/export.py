@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from maps.road_net import Road, roads_of
 from semmap import database
+from semmap.crs import epsg_code
 from semmap.errors import SettingsError
 from semmap.files import written_whole
 from semmap.geometry import Array
@@ -54,13 +54,6 @@ def geojson_of(semantic_map: SemanticMap) -> dict[str, Any]:
         **({"crs": crs} if code is not None else {}),
         "features": [*_intersections(semantic_map), *_other_nodes(semantic_map), *lines],
     }
-
-
-def epsg_code(crs: str | None) -> int | None:
-    """The EPSG code in ``EPSG:25832`` or at the end of a WKT; None where there is none."""
-    ends = r'(?:^EPSG:{1,2}|(?:AUTHORITY|ID)\s*\[\s*"EPSG"\s*,\s*"?)(\d+)"?[\s\]]*$'
-    found = re.search(ends, (crs or "").strip(), re.IGNORECASE)
-    return int(found.group(1)) if found else None
 
 
 def _feature(kind: str, geometry: str, coordinates: Array, properties: dict[str, Any]) -> dict[str, Any]:

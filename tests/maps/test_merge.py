@@ -199,6 +199,7 @@ def test_what_cannot_be_merged_is_refused_by_name() -> None:
             merge_maps(a, b)
     with pytest.raises(DatabaseError, match="crs: is EPSG:2 in B and EPSG:1 in A"):
         merge_maps(replace(a, crs="EPSG:1"), replace(a, crs="EPSG:2"))
+    merge_maps(replace(a, crs="EPSG:1"), replace(a, crs='PROJCS["mine",AUTHORITY["EPSG","1"]]'))
 
 
 def test_what_describes_the_map_comes_from_both() -> None:

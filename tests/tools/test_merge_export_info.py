@@ -17,7 +17,6 @@ from semmap import database
 from semmap.intersections import IntersectionTable, RoadwayGraph, SemanticMap
 from tools import cli
 from tools.bench.database import made_up_map
-from tools.export import epsg_code
 
 
 def saved(semantic_map: SemanticMap, path: Path) -> Path:
@@ -152,21 +151,6 @@ class TestExport:
         for end in ("json", "xml"):
             assert (tmp_path / f"a.{end}").read_bytes() == (tmp_path / f"b.{end}").read_bytes()
         assert "crs" not in json.loads((tmp_path / "a.json").read_text())
-
-    @pytest.mark.parametrize(
-        ("crs", "code"),
-        [
-            ("EPSG:25832", 25832),
-            ("epsg::4978", 4978),
-            ('PROJCS["a",GEOGCS["b",AUTHORITY["EPSG","4258"]],AUTHORITY["EPSG","25832"]]', 25832),
-            ('PROJCRS["a",BASEGEOGCRS["b",ID["EPSG",4258]],ID["EPSG",25832]]', 25832),
-            ('PROJCS["a",GEOGCS["b",AUTHORITY["EPSG","4258"]],UNIT["metre",1]]', None),
-            ("mine grid", None),
-            (None, None),
-        ],
-    )
-    def test_epsg_codes(self, crs, code) -> None:
-        assert epsg_code(crs) == code
 
 
 NAMES = ("intersection", "node", "roadway")

@@ -35,7 +35,7 @@ def database_page(semantic_map: SemanticMap, name: str) -> str:
 def _figures(semantic_map: SemanticMap) -> dict[str, str]:
     lengths = semantic_map.roadways.edge_length
     ends = int(np.count_nonzero(semantic_map.roadways.node_intersection < 0))
-    points = sum(len(one.cloud) for one in semantic_map.intersections)
+    points = int(semantic_map.columns.cloud_sizes.sum())
     return {
         "intersections": str(len(semantic_map)),
         "roadways": str(len(lengths)),
