@@ -108,9 +108,9 @@ class Bounds:
         overlap = np.sqrt(np.sqrt(both / np.maximum(either, 1)))
         mean_of_none = 1.0 + _UNSEEN_COST * (query - both) / np.maximum(both, 1)
         loss = unit / np.maximum(both, 1)
+        most = np.where(both > 0, overlap * mean_of_none + _ROUNDING, 0.0)
         seen = self._codes.seen[rows]
-        scores = (overlap * mean_of_none)[seen] - (overlap * loss)[seen] * least
-        return np.asarray(np.maximum(scores, 0.0) + _ROUNDING)
+        return np.asarray(np.maximum(most[seen] - (overlap * loss)[seen] * least, 0.0))
 
     @cached_property
     def _sector_table(self) -> tuple[NDArray[np.uint16], float, NDArray[np.uint16]]:

@@ -29,6 +29,8 @@ _FIRST = 256
 """The contours most promising from afar are scored first: what they reach rules most others out."""
 _AT_ONCE = 8
 """Contours scored before those left are held against what was found."""
+_ABOVE_ZERO = float(np.finfo(np.float32).tiny)
+"""Less similar contours have nothing in common and are no match."""
 _BLOCK = 256
 """Contours whose spectra are in memory at a time."""
 
@@ -87,6 +89,8 @@ class ContourIndex:
 
     def best(self, query: WallContour, k: int, allowed: NDArray[np.bool_] | None = None) -> list[Match]:
         """The ``k`` contours whose PWCV is most similar to the query's, best first; ties by row.
+
+        Fewer than ``k`` where the similarity of the others is 0.
 
         allowed : (n,) bool, the rows to look at; all by default.
         """
@@ -162,7 +166,7 @@ class _Best:
 
     def __init__(self, at_most: int, least: float) -> None:
         self.at_most = at_most
-        self.least = least
+        self.least = max(least, _ABOVE_ZERO)
         self.found: list[_Turned] = []
 
     def add(self, rows: Rows, scores: Array, overlaps: Array, turns: NDArray[np.bool_]) -> None:

@@ -26,8 +26,8 @@ def all_scores(query: WallContour, contours: WallContour, settings: ContourSetti
 
 
 def best_of_all(scores: Array, k: int, allowed: NDArray[np.bool_]) -> list[tuple[int, float]]:
-    """Row and score of the k most similar, ties by row."""
-    best = [(-float(one.max()), row) for row, one in enumerate(scores) if allowed[row]]
+    """Row and score of the k most similar, ties by row, without those that have nothing in common."""
+    best = [(-float(one.max()), row) for row, one in enumerate(scores) if allowed[row] and one.max() > 0.0]
     return [(row, -score) for score, row in sorted(best)[:k]]
 
 
@@ -41,7 +41,7 @@ def peaks_of_all(
     reach = round(0.5 * sectors / (2.0 * np.pi))
     found = []
     for row in np.flatnonzero(allowed):
-        for t in np.flatnonzero(asked & (scores[row] >= least)):
+        for t in np.flatnonzero(asked & (scores[row] >= least) & (scores[row] > 0.0)):
             near = np.arange(t - reach, t + reach + 1) % sectors
             if scores[row, t] == scores[row, near][asked[near]].max():
                 found.append((-float(scores[row, t]), int(row), int(t)))
@@ -209,6 +209,10 @@ def test_of_many_contours_few_are_scored(monkeypatch: pytest.MonkeyPatch) -> Non
         scored.clear()
         index.best(crossings(1, settings, 100 + seed, hidden=0.4).at(0), 5)
         assert sum(scored) < 300
+    scored.clear()
+    blind = np.zeros((1, settings.sectors))
+    assert index.best(stacked(blind, blind > 0.0, settings).at(0), 5) == []
+    assert sum(scored) < 3
 
 
 def test_an_empty_index_has_nothing_to_offer() -> None:
