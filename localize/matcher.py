@@ -12,9 +12,9 @@ from localize.keyframes import Keyframe, Stack
 from localize.results import Event
 from localize.settings import LocalizeSettings
 from localize.verification import Verification, Verifier
-from maps.free_space import View
 from maps.observe import ObservedIntersection, observe_intersections
 from maps.settings import MapSettings
+from maps.views import View
 from semmap.errors import DatabaseError
 from semmap.geometry import Array, adjoint, inverse, rotation_angle, se3, transform, yaw_of
 from semmap.intersections import SemanticMap

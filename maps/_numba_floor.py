@@ -1,4 +1,4 @@
-"""Kernels on floor cells that know their neighbours. Callers: `maps.floor_cells`."""
+"""Kernels on floor cells that know their neighbours. Callers: `maps.free_space`."""
 
 from __future__ import annotations
 
@@ -77,39 +77,6 @@ def find_cells(
                 best = off
                 rows[m] = row
             row += 1
-
-
-@numba.njit(cache=True)
-def floor_below(
-    ij: NDArray[np.int32],
-    height: NDArray[np.float32],
-    headroom: NDArray[np.float32],
-    at: NDArray[np.int64],
-    z: NDArray[np.float64],
-    rings: NDArray[np.int64],
-    off_limit: float,
-    rows: NDArray[np.int64],
-) -> None:
-    """Write to ``rows`` (m,) the nearest cell in plan between whose floor and roof ``z`` lies, -1 where there is none.
-
-    at : (m, 2) plan cells. rings : (r, 2) steps in plan in the order they are tried, the first (0, 0).
-    off_limit : ``z`` may lie this far below the floor or above the roof; of levels that do, the nearest counts.
-    """
-    for m in range(z.size):
-        rows[m] = -1
-        for ring in range(rings.shape[0]):
-            i, j = at[m, 0] + rings[ring, 0], at[m, 1] + rings[ring, 1]
-            best = off_limit
-            row = first_row(ij, i, j)
-            while row < ij.shape[0] and ij[row, 0] == i and ij[row, 1] == j:
-                above = z[m] - height[row]
-                off = max(max(-above, above - headroom[row]), 0.0)
-                if off < best:
-                    best = off
-                    rows[m] = row
-                row += 1
-            if rows[m] >= 0:
-                break
 
 
 @numba.njit(cache=True)

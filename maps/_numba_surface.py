@@ -1,4 +1,4 @@
-"""Kernels on surfaces of square cells that know their neighbours. Callers: `maps.surface`, `maps.free_cells`.
+"""Kernels on surfaces of square cells that know their neighbours. Callers: `maps.surface`, `.clutter`, `.free_cells`.
 
 A cell may be parted into ``parts`` by ``parts`` small ones, numbered cell by cell.
 """

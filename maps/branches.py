@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maps.floor_cells import FreeSpace
+from maps.free_space import FreeSpace
 from maps.roadways import Roadway
 from semmap.geometry import Array
 

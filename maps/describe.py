@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from descriptors.settings import ContourSettings
 from descriptors.wall_contour import ray_angles, wall_contour
-from maps.floor_cells import FreeSpace, Sight
 from maps.floor_patch import FloorPatch
+from maps.free_space import FreeSpace, Sight
 from maps.grid import Points
 from maps.intersections import Crossing
 from maps.settings import MapSettings

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from maps.floor_cells import FreeSpace
+from maps.free_space import FreeSpace
 from maps.grid import Grid, Points
 from semmap.geometry import Array
 

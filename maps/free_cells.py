@@ -16,7 +16,7 @@ from maps._numba_surface import (
 )
 from maps.clutter import with_clutter
 from maps.columns import Columns
-from maps.floor_cells import FreeSpace
+from maps.free_space import FreeSpace
 from maps.settings import FreeSpaceSettings
 from maps.storeys import storeys_of
 from maps.surface import Surface, floor_of

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from maps.branches import widths
-from maps.floor_cells import FreeSpace
+from maps.free_space import FreeSpace
 from maps.intersections import Crossing, runs_within
 from maps.roadways import Roadway
 from maps.settings import TopologySettings

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from maps.branches import Branch, branch_of
-from maps.floor_cells import FreeSpace
+from maps.free_space import FreeSpace
 from maps.invariant_point import invariant_point, on_floor
 from maps.pruning import standing
 from maps.roadways import Roadway

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from maps.floor_cells import FreeSpace
+from maps.free_space import FreeSpace
 from semmap.geometry import Array
 
 _KERNEL_M = 3.0

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from maps.describe import contour_of, description_radius, look_round
-from maps.floor_cells import FreeSpace
 from maps.floor_patch import FloorPatch
-from maps.free_space import View, free_space_of_views
+from maps.free_space import FreeSpace
 from maps.intersections import Crossing, find_alternatives
 from maps.settings import MapSettings, TopologySettings
 from maps.topology import roadway_topology
+from maps.views import View, free_space_of_views
 from semmap.errors import CloudError
 from semmap.geometry import Array
 from semmap.intersections import WallContour
@@ -56,7 +56,7 @@ def observe_intersections(views: Sequence[View], settings: MapSettings | None = 
     """
     settings = settings or MapSettings()
     try:
-        space = free_space_of_views(views, settings.free_space).surface()
+        space = free_space_of_views(views, settings.free_space)
     except CloudError:
         return []
     topology = _as_seen(settings.topology)

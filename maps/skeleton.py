@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from maps._numba_thinning import thin, trace
-from maps.floor_cells import FreeSpace
+from maps.free_space import FreeSpace
 
 _SCATTER = (73856093, 19349663, 2654435761)
 """Large primes that scatter plan positions (Teschner's spatial hash, Knuth's multiplicative hash)."""

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from maps.corners import Corner, corner_of
-from maps.floor_cells import FreeSpace
+from maps.free_space import FreeSpace
 from maps.pruning import Niche, pruned
 from maps.roadways import Roadway
 from maps.settings import TopologySettings

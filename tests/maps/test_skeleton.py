@@ -13,7 +13,7 @@ from scipy import ndimage
 from maps._numba_floor import DI, DJ
 from maps._numba_rays import FREE, WALL
 from maps._numba_thinning import thin
-from maps.floor_cells import FreeSpace
+from maps.free_space import FreeSpace
 from maps.skeleton import SkeletonGraph, medial_axis, skeleton_graph
 
 EIGHT = np.ones((3, 3), dtype=int)

@@ -7,19 +7,22 @@ import pytest
 from numpy.testing import assert_allclose
 from synthetic_mine import SyntheticMine, corner, straight, t_junction, x_junction
 
+from maps.columns import columns_of
 from maps.corners import corner_of
-from maps.free_space import free_space_of_views, split_ground_and_walls
+from maps.free_cells import split_ground_and_walls
 from maps.pruning import pruned
 from maps.roadways import Roadway
 from maps.settings import FreeSpaceSettings, TopologySettings
 from maps.topology import Topology, roadway_topology
+from maps.views import free_space_of_views
 from semmap.geometry import Array
 
 SETTINGS = TopologySettings()
 
 
 def topology_of(mine: SyntheticMine) -> Topology:
-    return roadway_topology(split_ground_and_walls(mine.cloud(0.12), FreeSpaceSettings()).surface(), SETTINGS)
+    columns = columns_of(mine.cloud(0.12), FreeSpaceSettings())
+    return roadway_topology(split_ground_and_walls(columns, FreeSpaceSettings()), SETTINGS)
 
 
 def road(a: int, b: int, length: float, half_width: float = 2.0) -> Roadway:
@@ -90,7 +93,7 @@ def test_leaving_lists_every_roadway_from_its_node() -> None:
 def test_views_mark_where_the_roadway_goes_on_unseen() -> None:
     mine = t_junction()
     space = free_space_of_views([mine.view((x, 0.0), seed=x + 9) for x in (-4, -2, 0)], FreeSpaceSettings())
-    topology = roadway_topology(space.surface(), SETTINGS)
+    topology = roadway_topology(space, SETTINGS)
     loose = [node for node, roads in topology.leaving().items() if len(roads) == 1]
     assert len(loose) == 3
     assert topology.open_ends == frozenset(loose)

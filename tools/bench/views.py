@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from localize.settings import KeyframeSettings
 from localize.voxel_map import voxel_means
-from maps.free_space import View
+from maps.views import View
 from semmap.geometry import Array, inverse, se3, so3_exp, transform, yaw_rotation
 from semmap.intersections import Intersection, SemanticMap
 from semmap.rig import LidarBlock
