@@ -26,8 +26,9 @@ _LEAST_AREA_M2 = 1.0
 _BESIDE_M = 2.5
 _NOTHING = np.float32(-1e6)
 _EASE = 60
-_MOST_OPEN = 0.25
-"""Clutter stands on floor and before walls: at most this share of its sides may end at nothing."""
+_MOST_OPEN, _MOST_OPEN_ROOFLESS = 0.25, 0.12
+"""Clutter stands on floor and before walls: at most this share of its sides may end at nothing, as the tops of walls
+do, which pass for clutter where there is no roof over them."""
 
 
 def with_clutter(surface: Surface, columns: Columns, settings: FreeSpaceSettings) -> Surface:
@@ -56,7 +57,7 @@ def with_clutter(surface: Surface, columns: Columns, settings: FreeSpaceSettings
     )
     found = np.flatnonzero(np.isfinite(floor))
     labels = _bodies(columns.ij[found], np.maximum(top[found], _NOTHING), columns.cell)
-    clutter = (labels >= 0) & _stands(found, labels, floor, top, surface, columns, settings)
+    clutter = (labels >= 0) & _stands(found, labels, floor, roof, top, surface, columns, settings)
     found = found[_with_sides(clutter, columns.ij[found], floor[found], np.isfinite(roof[found]))]
     return _eased(
         surface.extended(columns.ij[found], floor[found], roof[found] - floor[found], True, settings), settings
@@ -110,6 +111,7 @@ def _stands(
     found: NDArray[np.int64],
     labels: NDArray[np.int32],
     floor: NDArray[np.float32],
+    roof: NDArray[np.float32],
     top: NDArray[np.float32],
     surface: Surface,
     columns: Columns,
@@ -134,7 +136,8 @@ def _stands(
         round(_LOOK_M / columns.cell),
         tally,
     )
-    return np.asarray((tally[:, 1] <= _MOST_OPEN * tally.sum(axis=1))[labels])
+    most = np.where(np.isfinite(roof[found]), _MOST_OPEN, _MOST_OPEN_ROOFLESS)
+    return np.asarray(tally[labels, 1] <= most * tally[labels].sum(axis=1))
 
 
 def _with_sides(
