@@ -105,7 +105,7 @@ def _by_the_wall(
 ) -> list[Box]:
     low, high = np.min([e[0] for e in extents], axis=0), np.max([e[1] for e in extents], axis=0)
     width = high[1] - low[1]
-    if place.left + place.right < width + _PASSAGE:
+    if not width + _PASSAGE < place.left + place.right < np.inf:
         return []
     inset = 0.5 * width + float(rng.uniform(*gap))
     offset = place.left - inset if rng.uniform() < 0.5 else inset - place.right
@@ -116,7 +116,8 @@ def _by_the_wall(
 def _post(place: _Place, rng: np.random.Generator) -> list[Box]:
     """A prop from floor to roof anywhere across the roadway."""
     side, half = float(rng.uniform(-0.8, 0.8)), 0.5 * float(rng.uniform(0.15, 0.3))
-    pose = place.beside(side * (place.left if side > 0.0 else place.right))
+    to_wall = place.left if side > 0.0 else place.right
+    pose = place.beside(side * to_wall) if np.isfinite(to_wall) else None
     if pose is None:
         return []
     up = float(place.mine.raycaster.cast(pose[0][None] + [0.0, 0.0, _LOOK], np.array([[0.0, 0.0, 1.0]])).distances[0])
@@ -140,6 +141,8 @@ def _conveyor(mine: Mine, line: Array, side: float) -> list[Box]:
     step = np.gradient(line[:, :2], axis=0)
     heading = np.arctan2(step[:, 1], step[:, 0])
     to_wall = float(np.median(_to_walls(mine, line, heading)[:, 0 if side > 0.0 else 1]))
+    if not np.isfinite(to_wall):
+        return []
     offset = side * (to_wall - 0.5 * _CONVEYOR_WIDTH - 0.3)
     stations = line + offset * np.column_stack([-np.sin(heading), np.cos(heading), np.zeros(len(line))])
     stations[:, 2] = _floor_under(mine, stations)
