@@ -247,7 +247,7 @@ def bounds_of_sheets(
                     for b in range(begins[q], begins[q + 1]):
                         on |= _fits(a, b, height, headroom, rise * away + step, common)
                         drop = height[a] - height[b]
-                        below |= away <= 3 and 0.0 < drop <= deepest and headroom[b] >= drop
+                        below |= away <= 3 and 0.0 < drop <= deepest and headroom[b] >= drop + common
                     for r in range(first[q], first[q + 1]):
                         low |= top[r] > height[a] + band[0] and bottom[r] < height[a] + middle
                         high |= top[r] > height[a] + middle and bottom[r] < height[a] + end
