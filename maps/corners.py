@@ -17,7 +17,7 @@ _STEP_M = 0.5
 class Corner:
     """A sharp corner of a roadway.
 
-    p : (3,) where its two straight legs meet [m].
+    p : (3,) where the axes of its two legs meet [m].
     at : length of the roadway's axis up to where it is nearest to the corner [m].
     turn : angle between the legs [rad], 0 for straight on.
     """
@@ -48,9 +48,26 @@ def corner_of(road: Roadway, turn_deg: float, settings: TopologySettings) -> Cor
         return None
     middle = int(at[sharpest])
     meeting = _meeting(plan[middle - far : middle - near + 1], plan[middle + near : middle + far + 1])
-    p = meeting if np.linalg.norm(meeting - plan[middle]) < 2.0 * bend else plan[middle]
-    nearest = middle - far + int(np.argmin(np.linalg.norm(plan[middle - far : middle + far + 1] - p, axis=1)))
-    return Corner(np.append(p, line[nearest, 2]), float(walked[nearest]), float(turns[sharpest]))
+    if np.linalg.norm(meeting - plan[middle]) > 2.0 * bend:
+        meeting = plan[middle]
+    nearest = middle - far + int(np.argmin(np.linalg.norm(plan[middle - far : middle + far + 1] - meeting, axis=1)))
+    inward = _unit(plan[middle + far] - plan[middle + near]) - _unit(plan[middle - near] - plan[middle - far])
+    outer = plan[nearest] - half_width * _cut_short(turns[sharpest]) * _unit(inward)
+    return Corner(np.append(outer, line[nearest, 2]), float(walked[nearest]), float(turns[sharpest]))
+
+
+def _cut_short(turn: float) -> float:
+    """How far inside of where the axes of the legs meet a medial axis takes a corner, in half widths of the legs.
+
+    The circle that touches both outer walls and the inner edge has its centre there. Counted from it, the corner stays
+    where it is in views that show one wall of a leg, where the lines that fit the legs swing; and on the floor.
+    """
+    half = np.cos(0.5 * turn)
+    return float(min((1.0 / max(half, 0.1) - 1.0) / (1.0 + half), 1.0))
+
+
+def _unit(v: Array) -> Array:
+    return np.asarray(v / max(float(np.linalg.norm(v)), 1e-9))
 
 
 def _angle(a: Array, b: Array) -> Array:

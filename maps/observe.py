@@ -12,14 +12,13 @@ from maps.floor_patch import FloorPatch
 from maps.free_space import FreeSpace
 from maps.intersections import Crossing, find_alternatives
 from maps.settings import MapSettings, TopologySettings
+from maps.sureness import CLOSE_CALL
 from maps.topology import roadway_topology
 from maps.views import View, free_space_of_views
 from semmap.errors import CloudError
 from semmap.geometry import Array
 from semmap.intersections import WallContour
 
-_BRANCH_SEEN, _TURN_SEEN = 0.6, 0.7
-"""Shares of an open branch's least length and of a corner's least turn that are enough in a view."""
 _LEAST_QUALITY = 0.4
 """What less is seen of all around is nothing to go by."""
 
@@ -71,13 +70,19 @@ def observe_intersections(views: Sequence[View], settings: MapSettings | None = 
 
 
 def _as_seen(settings: TopologySettings) -> TopologySettings:
-    """The map's settings for views, which show a part of what it shows.
+    """The map's settings for views: they show less, so what just misses being a branch or a corner in a map is one.
 
     Into an opening one sees from before it only as far as its near corner allows; and of the leg behind a corner only
     the outer wall, so that the middle of what is seen leans towards the line of sight and the corner looks less sharp.
     """
-    branch, turn = _BRANCH_SEEN * settings.open_branch, _TURN_SEEN * settings.corner_deg
-    return settings.model_copy(update={"open_branch": branch, "corner_deg": turn})
+    return settings.model_copy(
+        update={
+            "min_branch": settings.min_branch / CLOSE_CALL,
+            "min_aspect": settings.min_aspect / CLOSE_CALL,
+            "open_branch": settings.open_branch / CLOSE_CALL,
+            "corner_deg": settings.corner_deg / CLOSE_CALL,
+        }
+    )
 
 
 def _on_floor(points: Array, crossings: Sequence[Crossing], space: FreeSpace, settings: MapSettings) -> Array:
