@@ -168,16 +168,29 @@ def propose(
 
 
 @numba.njit(cache=True)
-def next_part(neighbours: NDArray[np.int32], parts: int, row: int, k: int) -> int:
-    """Number of the small cell next to small cell ``row`` in direction ``k``, or NONE."""
-    cell, part = row // (parts * parts), row % (parts * parts)
-    a, b = part // parts + DI[k], part % parts + DJ[k]
-    ca, cb = (a + parts) // parts - 1, (b + parts) // parts - 1
-    if ca != 0 or cb != 0:
-        cell = neighbours[cell, _DIRECTION[ca + 1, cb + 1]]
+def doors_of(parts: int) -> NDArray[np.int64]:
+    """For each small cell of a cell and each direction (parts², 8, 2): which neighbour of the cell, and which of its.
+
+    The neighbour is -1 where it is the cell itself.
+    """
+    doors = np.empty((parts * parts, 8, 2), np.int64)
+    for part in range(parts * parts):
+        for k in range(8):
+            a, b = part // parts + DI[k], part % parts + DJ[k]
+            ca, cb = (a + parts) // parts - 1, (b + parts) // parts - 1
+            doors[part, k, 0] = _DIRECTION[ca + 1, cb + 1]
+            doors[part, k, 1] = (a - ca * parts) * parts + b - cb * parts
+    return doors
+
+
+@numba.njit(cache=True)
+def _beyond(neighbours: NDArray[np.int32], doors: NDArray[np.int64], cell: int, part: int, k: int) -> int:
+    """Number of the small cell next to small cell ``part`` of a cell in direction ``k``, or NONE."""
+    if doors[part, k, 0] >= 0:
+        cell = neighbours[cell, doors[part, k, 0]]
         if cell < 0:
             return NONE
-    return int(cell * parts * parts + (a - ca * parts) * parts + b - cb * parts)
+    return int(cell * doors.shape[0] + doors[part, k, 1])
 
 
 @numba.njit(cache=True)
@@ -234,65 +247,83 @@ def _slope(
 
 @numba.njit(cache=True)
 def steps_from(
-    neighbours: NDArray[np.int32], parts: int, mask: NDArray[np.bool_], edge: bool, limit: int, steps: NDArray[np.uint8]
+    neighbours: NDArray[np.int32],
+    doors: NDArray[np.int64],
+    mask: NDArray[np.bool_],
+    edge: bool,
+    limit: int,
+    steps: NDArray[np.uint8],
 ) -> None:
     """Steps in the four directions from each small cell to the nearest of ``mask``, ``limit`` + 1 where farther.
 
     edge : whether what lies beyond the last cells counts as of the mask.
     """
-    n = mask.size
-    for row in range(n):
+    size = doors.shape[0]
+    queue = np.empty(mask.size, np.int32)
+    done, count = 0, 0
+    for row in range(mask.size):
         steps[row] = 0 if mask[row] else limit + 1
-    changed = True
-    while changed:
-        changed = False
-        for sweep in range(2):
-            for m in range(n):
-                row = m if sweep == 0 else n - 1 - m
-                if steps[row] <= 1:
-                    continue
-                best = steps[row]
-                for k in range(0, 8, 2):
-                    other = next_part(neighbours, parts, row, k)
-                    if other >= 0:
-                        best = min(best, steps[other] + 1)
-                    elif edge:
-                        best = 1
-                if best < steps[row]:
-                    steps[row] = best
-                    changed = True
+    for seed in range(2):  # first those of the mask, then those at the edge: the queue is in the order of the steps
+        for row in range(mask.size if seed == 0 or edge else 0):
+            if mask[row] != (seed == 0):
+                continue
+            for k in range(0, 8, 2):
+                other = _beyond(neighbours, doors, row // size, row % size, k)
+                if (seed == 0 and other >= 0 and not mask[other]) or (seed == 1 and other < 0):
+                    steps[row] = seed
+                    queue[count] = row
+                    count += 1
+                    break
+    while done < count:
+        row = queue[done]
+        done += 1
+        if steps[row] >= limit:
+            continue
+        for k in range(0, 8, 2):
+            other = _beyond(neighbours, doors, row // size, row % size, k)
+            if other >= 0 and steps[other] > steps[row] + 1:
+                steps[other] = steps[row] + 1
+                queue[count] = other
+                count += 1
 
 
 @numba.njit(cache=True)
-def all_around(neighbours: NDArray[np.int32], parts: int, mask: NDArray[np.bool_], out: NDArray[np.bool_]) -> None:
+def all_around(
+    neighbours: NDArray[np.int32], doors: NDArray[np.int64], mask: NDArray[np.bool_], out: NDArray[np.bool_]
+) -> None:
     """Small cells of the mask whose eight neighbours are in it."""
+    size = doors.shape[0]
     for row in range(mask.size):
         out[row] = mask[row]
         for k in range(8):
             if not out[row]:
                 break
-            other = next_part(neighbours, parts, row, k)
+            other = _beyond(neighbours, doors, row // size, row % size, k)
             out[row] = other >= 0 and mask[other]
 
 
 @numba.njit(cache=True)
-def any_around(neighbours: NDArray[np.int32], parts: int, mask: NDArray[np.bool_], out: NDArray[np.bool_]) -> None:
+def any_around(
+    neighbours: NDArray[np.int32], doors: NDArray[np.int64], mask: NDArray[np.bool_], out: NDArray[np.bool_]
+) -> None:
     """Small cells in the mask or with one of their eight neighbours in it."""
+    size = doors.shape[0]
+    out[:] = mask
     for row in range(mask.size):
-        out[row] = mask[row]
-        for k in range(8):
-            if out[row]:
-                break
-            other = next_part(neighbours, parts, row, k)
-            out[row] = other >= 0 and mask[other]
+        if mask[row]:
+            for k in range(8):
+                other = _beyond(neighbours, doors, row // size, row % size, k)
+                if other >= 0:
+                    out[other] = True
 
 
 @numba.njit(cache=True)
-def fill_islands(neighbours: NDArray[np.int32], parts: int, mask: NDArray[np.bool_], limit: int) -> None:
+def fill_islands(neighbours: NDArray[np.int32], doors: NDArray[np.int64], mask: NDArray[np.bool_], limit: int) -> None:
     """Set the parts of the complement of ``mask``, connected in four directions, of fewer than ``limit`` small cells.
 
     Not those at the edge of the surface: nobody knows how large they are.
     """
+    size = doors.shape[0]
     seen = mask.copy()
     queue = np.empty(mask.size, np.int32)
     for start in range(mask.size):
@@ -305,7 +336,7 @@ def fill_islands(neighbours: NDArray[np.int32], parts: int, mask: NDArray[np.boo
             row = queue[done]
             done += 1
             for k in range(0, 8, 2):
-                other = next_part(neighbours, parts, row, k)
+                other = _beyond(neighbours, doors, row // size, row % size, k)
                 closed &= other >= 0
                 if other >= 0 and not seen[other]:
                     seen[other] = True
@@ -341,24 +372,49 @@ def in_large_piece(neighbours: NDArray[np.int32], least: int, large: NDArray[np.
 
 
 @numba.njit(cache=True)
+def in_order(
+    ij: NDArray[np.int32], parts: int, mask: NDArray[np.bool_], rows: NDArray[np.int32], plan: NDArray[np.int32]
+) -> None:
+    """Write the small cells of the mask (m,), and their plan cells (m, 2), sorted by i, j and as the cells are."""
+    count, start, n = 0, 0, ij.shape[0]
+    while start < n:
+        stop = start
+        while stop < n and ij[stop, 0] == ij[start, 0]:
+            stop += 1
+        for a in range(parts):
+            cell = start
+            while cell < stop:
+                end = _end(ij, cell)
+                for b in range(parts):
+                    for level in range(cell, end):
+                        row = (level * parts + a) * parts + b
+                        if mask[row]:
+                            rows[count] = row
+                            plan[count, 0], plan[count, 1] = ij[cell, 0] * parts + a, ij[cell, 1] * parts + b
+                            count += 1
+                cell = end
+        start = stop
+
+
+@numba.njit(cache=True)
 def neighbours_of_parts(
     neighbours: NDArray[np.int32],
-    parts: int,
-    rows: NDArray[np.int64],
-    number: NDArray[np.int32],
+    doors: NDArray[np.int64],
+    rows: NDArray[np.int32],
     beside_wall: NDArray[np.bool_],
     out: NDArray[np.int32],
 ) -> None:
-    """Neighbours (k, 8) of the free small cells ``rows`` (k,) as numbers, or ``WALL`` or ``UNKNOWN``.
-
-    number : of each small cell, NONE of those that are not free.
-    """
+    """Neighbours (m, 8) of the free small cells ``rows`` (m,): their places in ``rows``, ``WALL`` or ``UNKNOWN``."""
+    size = doors.shape[0]
+    place = np.full(beside_wall.size, NONE, np.int32)
+    for m in range(rows.size):
+        place[rows[m]] = m
     for m in range(rows.size):
         for k in range(8):
-            other = next_part(neighbours, parts, rows[m], k)
+            other = _beyond(neighbours, doors, rows[m] // size, rows[m] % size, k)
             if other < 0:
                 out[m, k] = UNKNOWN
-            elif number[other] >= 0:
-                out[m, k] = number[other]
+            elif place[other] >= 0:
+                out[m, k] = place[other]
             else:
                 out[m, k] = WALL if beside_wall[other] else UNKNOWN

@@ -12,7 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from maps._numba_clutter import count_sides, walk_under
-from maps._numba_surface import all_around, any_around, ease, link_cells
+from maps._numba_surface import all_around, any_around, doors_of, ease, link_cells
 from maps.columns import Columns
 from maps.settings import FreeSpaceSettings
 from maps.storeys import MAX_TABLE_AREA_M2, MAX_TABLE_HEIGHT_M
@@ -102,8 +102,8 @@ def _in_square(neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
 def _in_large_square(neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Cells (n,) of squares of three by three."""
     inner, wide = np.empty((2, len(neighbours)), np.bool_)
-    all_around(neighbours, 1, np.ones(len(neighbours), np.bool_), inner)
-    any_around(neighbours, 1, inner, wide)
+    all_around(neighbours, doors_of(1), np.ones(len(neighbours), np.bool_), inner)
+    any_around(neighbours, doors_of(1), inner, wide)
     return wide
 
 
@@ -147,6 +147,6 @@ def _with_sides(
     neighbours = np.empty((len(ij), 8), np.int32)
     link_cells(ij, floor, 0.0, APART_M, neighbours)
     once, twice = np.empty((2, len(ij)), np.bool_)
-    any_around(neighbours, 1, clutter, once)
-    any_around(neighbours, 1, once & roofed, twice)
+    any_around(neighbours, doors_of(1), clutter, once)
+    any_around(neighbours, doors_of(1), once & roofed, twice)
     return np.asarray(clutter | (twice & roofed))

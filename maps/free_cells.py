@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maps._numba_surface import (
-    NONE,
     all_around,
     any_around,
+    doors_of,
     fill_islands,
+    in_order,
     neighbours_of_parts,
     steps_from,
     surroundings,
@@ -73,7 +74,7 @@ def _free_cells(surface: Surface, columns: Columns, parts: int, settings: FreeSp
     wall &= ~clutter
     free = (_closed(surface, floor, parts, settings) | clutter) & ~wall
     free = _opened(surface, free, parts)
-    fill_islands(surface.neighbours, parts, free, round(settings.max_clutter / settings.cell**2))
+    fill_islands(surface.neighbours, doors_of(parts), free, round(settings.max_clutter / settings.cell**2))
     return _free_space(surface, free, wall, height, parts, settings)
 
 
@@ -87,26 +88,30 @@ def _band_top(surface: Surface, settings: FreeSpaceSettings) -> NDArray[np.float
 
 def _closed(surface: Surface, floor: NDArray[np.bool_], parts: int, settings: FreeSpaceSettings) -> NDArray[np.bool_]:
     """Floor without the holes that the sampling left: small ones, and wide ones where the floor is thinly sampled."""
-    reach = [round(0.5 * gap / settings.cell) for gap in (settings.max_gap, settings.max_gap_sparse)]
-    away = np.empty(floor.size, np.uint8)
-    steps_from(surface.neighbours, parts, floor, False, reach[1], away)
-    inward = np.empty_like(away)
-    closed = []
-    for n in reach:
-        steps_from(surface.neighbours, parts, away > n, True, n, inward)
-        closed.append(inward > n)
-    little, wide = closed
+    little, wide = (
+        _without_gaps(surface, floor, parts, round(0.5 * gap / settings.cell))
+        for gap in (settings.max_gap, settings.max_gap_sparse)
+    )
     covered, all_of_it = (mask.reshape(-1, parts**2).mean(axis=1, dtype=np.float32) for mask in (floor, wide))
     times = round(1.5 * (_THIN_M / surface.cell) ** 2)
     share = surface.spread(covered / np.maximum(all_of_it, 1e-6), all_of_it, times)
     return np.asarray(np.where(np.repeat(share < _THIN, parts**2), wide, little))
 
 
+def _without_gaps(surface: Surface, floor: NDArray[np.bool_], parts: int, reach: int) -> NDArray[np.bool_]:
+    """The floor widened by ``reach`` small cells, and narrowed again."""
+    doors, steps = doors_of(parts), np.empty(floor.size, np.uint8)
+    steps_from(surface.neighbours, doors, floor, False, reach, steps)
+    outside = steps > reach
+    steps_from(surface.neighbours, doors, outside, True, reach, steps)
+    return np.asarray(steps > reach)
+
+
 def _opened(surface: Surface, free: NDArray[np.bool_], parts: int) -> NDArray[np.bool_]:
     """Free cells that are in a square of three by three free ones."""
     inner, opened = np.empty_like(free), np.empty_like(free)
-    all_around(surface.neighbours, parts, free, inner)
-    any_around(surface.neighbours, parts, inner, opened)
+    all_around(surface.neighbours, doors_of(parts), free, inner)
+    any_around(surface.neighbours, doors_of(parts), inner, opened)
     return opened
 
 
@@ -119,16 +124,13 @@ def _free_space(
     settings: FreeSpaceSettings,
 ) -> FreeSpace:
     """The free cells alone, in order."""
-    rows = np.flatnonzero(free)
-    owner, part = np.divmod(rows, parts**2)
-    ij = surface.ij[owner] * np.int32(parts) + np.stack(np.divmod(part, parts), axis=-1).astype(np.int32)
-    order = np.lexsort((height[rows], ij[:, 1], ij[:, 0]))
-    rows, owner, ij = rows[order], owner[order], ij[order]
-    number = np.full(free.size, NONE, np.int32)
-    number[rows] = np.arange(len(rows), dtype=np.int32)
+    count = int(np.count_nonzero(free))
+    rows, ij = np.empty(count, np.int32), np.empty((count, 2), np.int32)
+    in_order(surface.ij, parts, free, rows, ij)
     beside_wall = np.empty_like(wall)
-    any_around(surface.neighbours, parts, wall, beside_wall)
-    neighbours = np.empty((len(rows), 8), np.int32)
-    neighbours_of_parts(surface.neighbours, parts, rows, number, beside_wall, neighbours)
-    headroom = surface.height[owner] + surface.headroom[owner] - height[rows]
-    return FreeSpace.of_cells(settings.cell, (0.0, 0.0), ij, height[rows], headroom, neighbours)
+    any_around(surface.neighbours, doors_of(parts), wall, beside_wall)
+    neighbours = np.empty((count, 8), np.int32)
+    neighbours_of_parts(surface.neighbours, doors_of(parts), rows, beside_wall, neighbours)
+    height = height[rows]
+    headroom = (surface.height + surface.headroom)[rows // parts**2] - height
+    return FreeSpace.of_cells(settings.cell, (0.0, 0.0), ij, height, headroom, neighbours)
