@@ -29,11 +29,11 @@ def survey(mine: Mine, settings: SurveySettings | None = None, *, seed: int, rou
     settings = settings or SurveySettings()
     rng = np.random.default_rng([seed, 3])
     samples = mine.spread(settings.spacing, rng)
+    if settings.open_top:
+        samples = samples[_above_floor(mine, samples) <= _OPEN_ABOVE]
     if settings.vehicles or settings.pallets or settings.posts or settings.conveyors:
         boxes = clutter(mine, _lines(mine, route), settings, np.random.default_rng([seed, 7]))
         samples = samples[~_in_any(samples.points, boxes)] + _on_boxes(mine, boxes, settings.spacing, seed)
-    if settings.open_top:
-        samples = samples[_above_floor(mine, samples) <= _OPEN_ABOVE]
     return np.asarray(samples.points + settings.noise * rng.normal(size=samples.points.shape))
 
 
