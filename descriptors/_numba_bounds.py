@@ -22,9 +22,9 @@ def pattern_table(first, second, patterns, table):
     """
     for row in range(patterns.shape[0]):
         a, b = patterns[row, 0], patterns[row, 1]
-        for column in range(table.shape[1]):
-            one = first[a, column + 1] + first[b, column]
-            other = second[a, column + 1] + second[b, column]
+        for column in range(_U(table.shape[1])):
+            one = first[a, column + _U(1)] + first[b, column]
+            other = second[a, column + _U(1)] + second[b, column]
             table[row, column] = min(one, other)
 
 

@@ -9,6 +9,9 @@ Let a query and a contour have observed ``m`` and ``n`` sectors, ``b`` of them b
    of the score by ``b`` is ``(D/b + (1 - D/b)(1 + o)/4 - 1/4) o^(1/4) / b >= 0``, so the most that ``b`` can be, the
    lesser of ``m`` and ``n``, may be put for it: then only the least ``E`` of all yaws is needed.
 3. The cheaper of two yaws costs no more than either, for four sectors and so for all.
+
+Bounds that leave the yaw out altogether, from histograms or power spectra of the distances, rule out next to nothing:
+crossings differ in the angles between their roadways.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
     python -m tools.bench.retrieval --rows 100000 --map DB.h5
 
-Two maps of that many intersections are asked: crossings drawn at random, half of them seen only in part; and the
-intersections of simulated mines and of the maps given, each many times over, wider and narrower and in other rock.
+Three maps of that many intersections are asked: crossings drawn at random, half of them seen only in part; the
+intersections of simulated mines and of the maps given, each many times over, wider and narrower and in other rock; and,
+as bad as it gets, a single intersection in other rock over and over.
 Questions are views of an intersection of the map from beside its middle, turned, in which up to half of the directions
 are hidden; and such views of crossings that are in no map.
 """
@@ -65,7 +66,13 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=100, help="questions of each kind")
     parser.add_argument("--map", type=Path, nargs="*", default=[], help="databases whose intersections are used, too")
     options = parser.parse_args()
-    for world in (random_world(options.rows), mines_world(options.rows, options.map)):
+    known = outlines(options.map)
+    worlds = (
+        random_world(options.rows),
+        copies_of(f"mines ({len(known)} intersections)", known, options.rows, stretched=0.15),
+        copies_of("all alike", known[:1], options.rows, stretched=0.02),
+    )
+    for world in worlds:
         print(f"{world.name}: {construction(world)}")
         for size in (options.rows, SMALL):
             report(world.part(slice(size)), options.views)
@@ -78,18 +85,23 @@ def random_world(n: int) -> World:
     return World("random", contours_of(walls, partly_seen(n, SETTINGS.sectors, hidden, rng), SETTINGS), walls)
 
 
-def mines_world(n: int, databases: list[Path]) -> World:
-    """Intersections of mines, each about n / number of them times; a fifth seen only in part."""
+def outlines(databases: list[Path]) -> Array:
+    """Wall distances (k, sectors) [m] of the intersections of some maps; open ones are beyond the radius."""
     maps = [load(path) for path in databases] + [map_of(scenario("random", seed=seed), seed) for seed in SEEDS]
-    known = np.concatenate([there.contours.pwcv for there in maps])
+    pwcv = np.concatenate([there.contours.pwcv for there in maps])
+    return np.where(pwcv > 0.0, pwcv, 1.5 * SETTINGS.radius)
+
+
+def copies_of(name: str, known: Array, n: int, *, stretched: float) -> World:
+    """Each intersection about n / k times, by up to a share wider or narrower; a fifth seen only in part."""
     rng = np.random.default_rng(2)
-    of = np.where(known > 0.0, known, 1.5 * SETTINGS.radius)[rng.integers(len(known), size=n)]
-    walls = np.repeat(of * rng.uniform(0.85, 1.15, (n, 1)), RAYS_PER_SECTOR, axis=1)
-    walls = looked_at_from(walls, rng.normal(0.0, 0.25, (n, 2)), rng.uniform(0.0, 2.0 * np.pi, n), SETTINGS)
+    size = rng.uniform(1.0 - stretched, 1.0 + stretched, (n, 1))
+    walls = np.repeat(known[rng.integers(len(known), size=n)] * size, RAYS_PER_SECTOR, axis=1)
+    aside = rng.normal(0.0, 1.5 * stretched, (n, 2))
+    walls = looked_at_from(walls, aside, rng.uniform(0.0, 2.0 * np.pi, n), SETTINGS)
     walls += rock(n, walls.shape[1], rng, 0.25)
     hidden = np.where(rng.uniform(size=n) < 0.2, rng.uniform(0.0, 0.4, n), 0.0)
-    seen = partly_seen(n, SETTINGS.sectors, hidden, rng)
-    return World(f"mines ({len(known)} intersections)", contours_of(walls, seen, SETTINGS), walls)
+    return World(name, contours_of(walls, partly_seen(n, SETTINGS.sectors, hidden, rng), SETTINGS), walls)
 
 
 def views_of(walls: Array, rng: np.random.Generator) -> list[WallContour]:
