@@ -11,14 +11,16 @@ from maps.settings import TopologySettings
 from semmap.geometry import Array
 
 _STEP_M = 0.5
+_SHARP = 3.5
+"""The middle line of a corner follows a curve of at most so many half widths; a wider one has no point of its own."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corner:
     """A sharp corner of a roadway.
 
-    p : (3,) where the axes of its two legs meet [m].
-    at : length of the roadway's axis up to where it is nearest to the corner [m].
+    p : (3,) point of the axis nearest to where the two legs meet [m].
+    at : length of the axis up to there [m].
     turn : angle between the legs [rad], 0 for straight on.
     """
 
@@ -28,10 +30,11 @@ class Corner:
 
 
 def corner_of(road: Roadway, turn_deg: float, settings: TopologySettings) -> Corner | None:
-    """The sharpest corner of a roadway that turns by ``turn_deg`` and more; None where it has none.
+    """The corner of a roadway that turns most, if by ``turn_deg`` or more; None where it has none.
 
     The turn is that between two legs, each at least as long as a branch axis and one and a half times as long as the
-    roadway is wide, that lie on either side of the bend and off the ends.
+    roadway is wide, that lie on either side of the bend and off the ends. The curve between them is tight: a wide one,
+    as of a spiral decline, is none.
     """
     half_width = float(np.median(road.clearance))
     bend, leg = 1.5 * half_width, max(settings.axis_length, 3.0 * half_width)
@@ -43,31 +46,16 @@ def corner_of(road: Roadway, turn_deg: float, settings: TopologySettings) -> Cor
         return None
     at, plan = np.arange(start, end), line[:, :2]
     turns = _angle(plan[at - near] - plan[at - far], plan[at + far] - plan[at + near])
-    sharpest = int(np.argmax(turns))
-    if turns[sharpest] < np.radians(turn_deg):
-        return None
-    middle = int(at[sharpest])
-    meeting = _meeting(plan[middle - far : middle - near + 1], plan[middle + near : middle + far + 1])
-    if np.linalg.norm(meeting - plan[middle]) > 2.0 * bend:
-        meeting = plan[middle]
-    nearest = middle - far + int(np.argmin(np.linalg.norm(plan[middle - far : middle + far + 1] - meeting, axis=1)))
-    inward = _unit(plan[middle + far] - plan[middle + near]) - _unit(plan[middle - near] - plan[middle - far])
-    outer = plan[nearest] - half_width * _cut_short(turns[sharpest]) * _unit(inward)
-    return Corner(np.append(outer, line[nearest, 2]), float(walked[nearest]), float(turns[sharpest]))
-
-
-def _cut_short(turn: float) -> float:
-    """How far inside of where the axes of the legs meet a medial axis takes a corner, in half widths of the legs.
-
-    The circle that touches both outer walls and the inner edge has its centre there. Counted from it, the corner stays
-    where it is in views that show one wall of a leg, where the lines that fit the legs swing; and on the floor.
-    """
-    half = np.cos(0.5 * turn)
-    return float(min((1.0 / max(half, 0.1) - 1.0) / (1.0 + half), 1.0))
-
-
-def _unit(v: Array) -> Array:
-    return np.asarray(v / max(float(np.linalg.norm(v)), 1e-9))
+    while turns.max() >= np.radians(turn_deg):
+        most = int(np.argmax(turns))
+        middle = int(at[most])
+        p = _meeting(plan[middle - far : middle - near + 1], plan[middle + near : middle + far + 1])
+        off = np.linalg.norm(plan[middle - far : middle + far + 1] - p, axis=1)
+        if off.min() <= _SHARP * half_width * (1.0 / np.cos(0.5 * turns[most]) - 1.0):
+            nearest = middle - far + int(np.argmin(off))
+            return Corner(line[nearest], float(walked[nearest]), float(turns[most]))
+        turns[max(most - far, 0) : most + far] = 0.0
+    return None
 
 
 def _angle(a: Array, b: Array) -> Array:

@@ -61,9 +61,11 @@ def describe(number: int, place: Place, points: Points, origin: Array, settings:
         those farther off or on other levels are left out.
     """
     crossing = place.crossing
-    points = points[place.floor.on_level(points)].astype(np.float64)
-    delta = points[np.lexsort(points.T)] - crossing.p
-    surface = np.column_stack([delta[:, :2], place.floor.heights(delta + crossing.p)])
+    points = points[np.lexsort(points.T)].astype(np.float64)
+    heights = place.floor.heights(points)
+    on_level = np.isfinite(heights)
+    delta = points[on_level] - crossing.p
+    surface = np.column_stack([delta[:, :2], heights[on_level]])
     contour = contour_of(surface, place.sight, settings.contour)
     kept = delta[np.hypot(delta[:, 0], delta[:, 1]) < settings.cloud_radius]
     return Intersection(

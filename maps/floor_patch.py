@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from maps._numba_patch import heights_on
 from maps.free_space import FreeSpace
 from maps.grid import Grid, Points
 from semmap.geometry import Array
@@ -38,38 +39,33 @@ class FloorPatch:
 
         Where the floor winds over itself it is the turn nearest in height to ``p``.
         """
-        cells = space.around(p, 2.0 * radius)
-        plan, headroom = space.centres(cells), space.headroom[cells].astype(np.float64)
-        near = np.abs(plan[:, :2] - p[:2]).max(axis=1, initial=0.0) <= radius + _CELL_M
-        return cls._of_cells(plan[near], headroom[near], p, radius)
-
-    @classmethod
-    def _of_cells(cls, cells: Array, headroom: Array, p: Array, radius: float) -> FloorPatch:
         grid = Grid.around(np.array([p[:2]]), _CELL_M, margin=radius)
-        owner, _ = grid.cells(cells[:, :2])
-        off = np.abs(cells[:, 2] - p[2])
+        rows = space.around(p, 2.0 * radius)
+        owner, inside = grid.cells(space.centres(rows)[:, :2])
+        owner, rows = owner[inside], rows[inside]
+        off = np.abs(space.height[rows] - p[2])
         least = np.full(grid.shape[0] * grid.shape[1], np.inf)
         np.minimum.at(least, owner, off)
         same = off <= least[owner] + _SAME_FLOOR_M
-        owner, cells, headroom = owner[same], cells[same], headroom[same]
+        owner, rows = owner[same], rows[same]
         count = np.bincount(owner, minlength=least.size)
+        height = space.height[rows].astype(np.float64)
         with np.errstate(invalid="ignore"):
             floor, roof = (
-                (np.bincount(owner, height, minlength=least.size) / count).reshape(grid.shape)
-                for height in (cells[:, 2], cells[:, 2] + headroom)
+                (np.bincount(owner, values, minlength=least.size) / count).reshape(grid.shape)
+                for values in (height, height + space.headroom[rows])
             )
         return cls(grid, *_widened(floor, roof))
 
     def heights(self, points: Points) -> Array:
-        """Height (n,) of points (n, 3) above the floor [m]."""
-        return np.asarray(points[:, 2] - self.grid.sample(self.floor.astype(np.float64), points[:, :2]))
+        """Height (n,) above the floor of the points (n, 3) that lie on this level, NaN of others [m].
 
-    def on_level(self, points: Points) -> NDArray[np.bool_]:
-        """Which points (n, 3) lie on this level: on its floor, walls or roof, or between."""
-        cells, inside = self.grid.cells(points[:, :2])
-        floor, roof = self.floor.ravel()[cells], self.roof.ravel()[cells]
-        top = np.where(np.isinf(roof), floor + _ROOFLESS_M, roof + _OVER_ROOF_M)
-        return np.asarray(inside & (points[:, 2] > floor - _BELOW_M) & (points[:, 2] < top))
+        On it are those on its floor, walls and roof, and between.
+        """
+        out = np.empty(len(points))
+        g = self.grid
+        heights_on(self.floor, self.roof, g.x0, g.y0, g.cell, _BELOW_M, _OVER_ROOF_M, _ROOFLESS_M, points, out)
+        return out
 
 
 def _widened(floor: Array, roof: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -42,12 +42,13 @@ def roadway_graph(
     edges = np.array([[row[node] for node in road.nodes] for road in roads], np.int64).reshape(-1, 2)
     axes = [_axis(road, *p[ends]) for road, ends in zip(roads, edges, strict=True)]
     profiles = [_profile(road, axis, space) for road, axis in zip(roads, axes, strict=True)]
+    wide = np.array([space.clearance_at(one) > settings.max_half_width for one in p], np.bool_)
     open_ends = np.array([row[node] for node in topology.open_ends], np.int64)
     ids = np.arange(len(p), dtype=np.int64)
     return RoadwayGraph(
         node_p_map=p + origin,
         node_intersection=np.where(ids < len(crossings), ids, -1),
-        node_kind=_kinds(edges, len(crossings), open_ends, len(p)),
+        node_kind=_kinds(edges, len(crossings), open_ends, wide),
         edge_nodes=edges,
         edge_length=np.array([np.linalg.norm(np.diff(axis, axis=0), axis=1).sum() for axis in axes]),
         edge_width=np.array([_median(profile[:, 0]) for profile in profiles]),
@@ -64,10 +65,16 @@ def _within_one(road: Roadway, row: Mapping[int, int], crossings: Sequence[Cross
     return number is not None and runs_within(road, crossings[number].nodes)
 
 
-def _kinds(edges: NDArray[np.int64], crossings: int, open_ends: NDArray[np.int64], nodes: int) -> NDArray[np.str_]:
-    """Kinds (n,) of the nodes: the first are intersections, the others what the number of their roadways makes them."""
-    leave = np.bincount(edges.ravel(), minlength=nodes)
+def _kinds(
+    edges: NDArray[np.int64], crossings: int, open_ends: NDArray[np.int64], wide: NDArray[np.bool_]
+) -> NDArray[np.str_]:
+    """Kinds (n,) of the nodes: the first are intersections, the others what the number of their roadways makes them.
+
+    wide : (n,) whether the walls are too far off for a roadway.
+    """
+    leave = np.bincount(edges.ravel(), minlength=len(wide))
     kinds = np.array(["dead_end", "dead_end", "bend", "hall"])[np.minimum(leave, 3)].astype("<U12")
+    kinds[wide & (leave > 1)] = "hall"
     kinds[open_ends] = "open_end"
     kinds[:crossings] = "intersection"
     return np.asarray(kinds, dtype=np.str_)

@@ -89,9 +89,12 @@ class _Finder:
         """Nodes where three roadways or more meet, and corners, but for those in halls."""
         nodes = self.topology.nodes
         meeting = [node for node in nodes if len(self.leaving[node]) >= 3 or node in self.topology.corners]
-        points = {node: invariant_point(nodes[node], self.space) for node in meeting}
-        hubs = {node: _Hub(p, self.space.clearance_at(p)) for node, p in points.items()}
+        hubs = {node: self._hub(node) for node in meeting}
         return {node: hub for node, hub in hubs.items() if hub.clearance <= self.settings.max_half_width}
+
+    def _hub(self, node: int) -> _Hub:
+        p = invariant_point(self.topology.nodes[node], self.space, tied=node not in self.topology.corners)
+        return _Hub(p, self.space.clearance_at(p))
 
     def crossings(self, factors: tuple[float, ...]) -> list[Crossing]:
         """The crossings where neighbours are one within these factors of the usual distance, each of them once."""
@@ -119,7 +122,9 @@ class _Finder:
         """Mean of the invariant points; that of them nearest to it where it is not on the floor."""
         points = np.array([self.hubs[node].p for node in sorted(group)])
         middle: Array = points.mean(axis=0)
-        if len(group) > 1 and self.space.find(middle)[0] < 0:
+        if len(points) == 1:
+            return middle
+        if self.space.find(middle)[0] < 0:
             middle = points[np.argmin(np.linalg.norm(points - middle, axis=1))]
         return on_floor(middle, self.space)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maps.describe import contour_of, description_radius, look_round
+from maps.describe import contour_of, look_round
 from maps.floor_patch import FloorPatch
 from maps.free_space import FreeSpace
 from maps.intersections import Crossing, find_alternatives
@@ -87,11 +87,12 @@ def _as_seen(settings: TopologySettings) -> TopologySettings:
 
 def _on_floor(points: Array, crossings: Sequence[Crossing], space: FreeSpace, settings: MapSettings) -> Array:
     """The points (n, 3) around some crossings, with their height above the floor in place of z."""
-    p = np.array([crossing.p for crossing in crossings])
-    spread = float(np.abs(p - p[0]).max())
-    floor = FloorPatch.around(p[0], spread + description_radius(settings), space)
-    points = points[floor.on_level(points)]
-    return np.column_stack([points[:, :2], floor.heights(points)])
+    p = np.array([crossing.p[:2] for crossing in crossings])
+    reach = settings.contour.radius + settings.contour.wall_depth
+    floor = FloorPatch.around(crossings[0].p, reach + float(np.abs(p - p[0]).max()), space)
+    heights = floor.heights(points)
+    near = np.isfinite(heights)
+    return np.column_stack([points[near, :2], heights[near]])
 
 
 def _observed(crossing: Crossing, surface: Array, space: FreeSpace, settings: MapSettings) -> ObservedIntersection:

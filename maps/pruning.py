@@ -29,7 +29,10 @@ class Niche:
 def pruned(
     roads: Iterable[Roadway], open_ends: frozenset[int], settings: TopologySettings
 ) -> tuple[tuple[Roadway, ...], tuple[Niche, ...]]:
-    """The roadways without dead ends that are niches of the wall, the shortest taken first; and these niches."""
+    """The roadways without dead ends that are niches of the wall, the shortest taken first; and these niches.
+
+    Left out as well is what is joined to nothing and shorter than a branch: a speck of floor.
+    """
     graph, niches = _Graph(roads), []
     queue = [(road.length, number) for number, road in graph.roads.items() if graph.is_spur(road)]
     heapq.heapify(queue)
@@ -51,7 +54,8 @@ def pruned(
                     heapq.heappush(queue, (graph.roads[touched].length, touched))
     for node in list(graph.at):
         graph.dissolve(node)
-    return tuple(graph.roads.values()), tuple(niches)
+    kept = (road for road in graph.roads.values() if road.length >= settings.min_branch or not graph.is_alone(road))
+    return tuple(kept), tuple(niches)
 
 
 def standing(spur: Roadway, open_ends: frozenset[int], settings: TopologySettings) -> float:
@@ -89,6 +93,10 @@ class _Graph:
     def is_spur(self, road: Roadway) -> bool:
         """Whether just one of its ends is loose."""
         return (len(self.at[road.nodes[0]]) == 1) != (len(self.at[road.nodes[1]]) == 1)
+
+    def is_alone(self, road: Roadway) -> bool:
+        """Whether both its ends are loose."""
+        return all(len(self.at[node]) == 1 for node in road.nodes)
 
     def root_first(self, spur: Roadway) -> Roadway:
         return spur.reversed() if len(self.at[spur.nodes[0]]) == 1 else spur
