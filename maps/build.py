@@ -24,7 +24,7 @@ Progress = Callable[[int, int], None]
 Item = TypeVar("Item")
 
 _PERCENT = 100
-_COLUMNS, _FLOOR, _TOPOLOGY = 25, 50, 60
+_COLUMNS, _FLOOR, _GRAPH = 25, 50, 60
 """About how far a build is after these steps [percent]."""
 
 
@@ -59,15 +59,16 @@ def build_from_tiles(
     report(_FLOOR, _PERCENT)
     topology = roadway_topology(space, settings.topology)
     crossings = find_intersections(topology, space, settings.topology)
-    report(_TOPOLOGY, _PERCENT)
+    roadways = roadway_graph(topology, crossings, space, mine.origin, settings.topology)
+    del topology
+    report(_GRAPH, _PERCENT)
     radius = description_radius(settings)
     jobs = (
         (number, place_of(crossing, space, settings), mine.around(crossing.p, radius))
         for number, crossing in enumerate(crossings)
     )
     described = engine.map(partial(_described, mine.origin, settings), jobs)
-    intersections = tuple(_counted(described, len(crossings), report, _TOPOLOGY, _PERCENT))
-    roadways = roadway_graph(topology, crossings, space, mine.origin, settings.topology)
+    intersections = tuple(_counted(described, len(crossings), report, _GRAPH, _PERCENT))
     stored = settings.model_dump(mode="json")
     return SemanticMap(intersections, roadways, mine.origin, stored, mine.sources, crs=mine.crs)
 
