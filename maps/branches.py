@@ -46,10 +46,12 @@ def branch_of(road: Roadway, p: Array, space: FreeSpace, axis_length: float) -> 
 
 
 def widths(line: Array, space: FreeSpace) -> Array:
-    """Distance (k,) between the walls left and right of each point of an axis (k, 3) on the floor [m]."""
+    """Distance (k,) between the walls left and right of each point of an axis (k, 3) on the floor [m].
+
+    A look ends at the side of the cell the wall is in, on average half a cell before it.
+    """
     k = np.arange(len(line))
     along = line[np.minimum(k + _SMOOTH, len(line) - 1)] - line[np.maximum(k - _SMOOTH, 0)]
     heading = np.arctan2(along[:, 1], along[:, 0])
-    left = space.sight(line, heading + np.pi / 2, _LOOK_M).distance
-    right = space.sight(line, heading - np.pi / 2, _LOOK_M).distance
-    return np.asarray(left + right)
+    sides = [space.sight(line, heading + turn, _LOOK_M) for turn in (0.5 * np.pi, -0.5 * np.pi)]
+    return np.asarray(sum(side.distance + 0.5 * space.cell * side.at_wall for side in sides))

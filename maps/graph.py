@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from maps.branches import widths
 from maps.free_space import FreeSpace
 from maps.intersections import Crossing, runs_within
+from maps.roadway_ends import with_straight_ends
 from maps.roadways import Roadway
 from maps.settings import TopologySettings
 from maps.topology import Topology, cut_at_corners
@@ -35,7 +36,9 @@ def roadway_graph(
     row = {node: number for number, crossing in enumerate(crossings) for node in crossing.nodes}
     roads = [road for road in topology.roadways if not _within_one(road, row, crossings)]
     roads, bends = cut_at_corners(roads, settings.bend_deg, max(topology.nodes, default=-1) + 1, settings)
+    roads = with_straight_ends(roads, row, space)
     at = dict(topology.nodes) | {node: bend.p for node, bend in bends.items()}
+    at |= {node: p for road in roads for node, p in zip(road.nodes, road.axis[[0, -1]], strict=True)}
     others = [node for node in sorted(at) if node not in row]
     row |= {node: len(crossings) + k for k, node in enumerate(others)}
     p = np.array([crossing.p for crossing in crossings] + [at[node] for node in others]).reshape(-1, 3)
