@@ -12,7 +12,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from maps._numba_clutter import count_sides, walk_under
-from maps._numba_surface import all_around, any_around, doors_of, ease, link_cells
+from maps._numba_parts import all_around, any_around, doors_of
+from maps._numba_surface import ease, link_cells
 from maps.columns import Columns
 from maps.settings import FreeSpaceSettings
 from maps.storeys import MAX_TABLE_AREA_M2, MAX_TABLE_HEIGHT_M

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from maps._numba_surface import (
+from maps._numba_parts import (
     all_around,
     any_around,
+    bridge,
     doors_of,
     fill_islands,
     in_order,
@@ -19,24 +20,24 @@ from maps.clutter import with_clutter
 from maps.columns import Columns
 from maps.free_space import FreeSpace
 from maps.settings import FreeSpaceSettings
-from maps.storeys import storeys_of
+from maps.storeys import LEAST_AREA_M2, storeys_of
 from maps.surface import Surface, floor_of
 from semmap.errors import CloudError
 
-_THIN, _THIN_M = 0.8, 1.0
-"""Floor is thinly sampled where fewer than this share of its cells, averaged over some metres, hold a point."""
+_THIN, _VERY_THIN, _THIN_M = 0.8, 0.3, 1.0
+"""Floor is thinly sampled where fewer than such shares of its cells, averaged over some metres, hold a point."""
 _BELOW_ROOF_M = 0.4
 
 
 def split_ground_and_walls(columns: Columns, settings: FreeSpaceSettings) -> FreeSpace:
     """Free space of a dense map, on as many levels as it has. Raises `CloudError` where it shows no floor."""
-    parts = round(settings.ground_cell / settings.cell)
+    parts = max(1, round(settings.ground_cell / settings.cell))
     coarse = columns.coarser(parts)
     surface = floor_of(storeys_of(coarse, settings), coarse.cell, settings)
     if not len(surface):
         raise CloudError("shows no floor", mend="check that z points up and the floor was scanned")
     surface = with_clutter(surface, coarse, settings)
-    margin = round(0.5 * settings.max_gap_sparse / settings.ground_cell)
+    margin = round(0.5 * settings.max_gap_sparse / coarse.cell)
     surface = smoothed(surface.carried_on(margin, settings))
     return _free_cells(surface, columns, parts, settings)
 
@@ -72,10 +73,14 @@ def _free_cells(surface: Surface, columns: Columns, parts: int, settings: FreeSp
     )
     clutter = np.repeat(surface.clutter, parts**2)
     wall &= ~clutter
-    free = (_closed(surface, floor, parts, settings) | clutter) & ~wall
+    floor, wall = _closed(surface, floor, wall, parts, settings)
+    free = (floor | clutter) & ~wall
     free = _opened(surface, free, parts)
-    fill_islands(surface.neighbours, doors_of(parts), free, round(settings.max_clutter / settings.cell**2))
-    return _free_space(surface, free, wall, height, parts, settings)
+    doors = doors_of(parts)
+    fill_islands(surface.neighbours, doors, free, round(settings.max_clutter / settings.cell**2))
+    rock = ~free
+    fill_islands(surface.neighbours, doors, rock, round(LEAST_AREA_M2 / settings.cell**2))
+    return _free_space(surface, ~rock, wall, height, parts, settings)
 
 
 def _band_top(surface: Surface, settings: FreeSpaceSettings) -> NDArray[np.float32]:
@@ -86,25 +91,38 @@ def _band_top(surface: Surface, settings: FreeSpaceSettings) -> NDArray[np.float
     return np.asarray(np.clip(room - _BELOW_ROOF_M, 2.0 * settings.wall_from, settings.wall_to), np.float32)
 
 
-def _closed(surface: Surface, floor: NDArray[np.bool_], parts: int, settings: FreeSpaceSettings) -> NDArray[np.bool_]:
-    """Floor without the holes that the sampling left: small ones, and wide ones where the floor is thinly sampled."""
-    little, wide = (
-        _without_gaps(surface, floor, parts, round(0.5 * gap / settings.cell))
-        for gap in (settings.max_gap, settings.max_gap_sparse)
-    )
-    covered, all_of_it = (mask.reshape(-1, parts**2).mean(axis=1, dtype=np.float32) for mask in (floor, wide))
+def _closed(
+    surface: Surface, floor: NDArray[np.bool_], wall: NDArray[np.bool_], parts: int, settings: FreeSpaceSettings
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Floor and walls without the holes that the sampling left.
+
+    Small ones in the floor; wider ones where it is thinly sampled, and small ones in the walls, which stop it.
+    """
+    little, wide = (round(0.5 * gap / settings.cell) for gap in (settings.max_gap, settings.max_gap_sparse))
+    whole = _without_gaps(surface, floor, parts, wide)
+    covered = np.repeat(_covered(surface, floor, whole, parts), parts**2)
+    middle = _without_gaps(surface, floor, parts, (little + wide) // 2)
+    narrow = _without_gaps(surface, floor, parts, little)
+    whole_wall = np.empty_like(wall)
+    bridge(surface.neighbours, doors_of(parts), wall, round(settings.max_gap / settings.cell), whole_wall)
+    wall = wall | (covered < _THIN) & whole_wall
+    return np.select([covered < _VERY_THIN, covered < _THIN], [whole, middle], narrow), wall
+
+
+def _covered(surface: Surface, floor: NDArray[np.bool_], whole: NDArray[np.bool_], parts: int) -> NDArray[np.float32]:
+    """Share (n,) of the floor's small cells that hold a point, averaged over some metres."""
+    seen, all_of_it = (mask.reshape(-1, parts**2).mean(axis=1, dtype=np.float32) for mask in (floor, whole))
     times = round(1.5 * (_THIN_M / surface.cell) ** 2)
-    share = surface.spread(covered / np.maximum(all_of_it, 1e-6), all_of_it, times)
-    return np.asarray(np.where(np.repeat(share < _THIN, parts**2), wide, little))
+    return surface.spread(seen / np.maximum(all_of_it, np.float32(1e-6)), all_of_it, times)
 
 
-def _without_gaps(surface: Surface, floor: NDArray[np.bool_], parts: int, reach: int) -> NDArray[np.bool_]:
-    """The floor widened by ``reach`` small cells, and narrowed again."""
-    doors, steps = doors_of(parts), np.empty(floor.size, np.uint8)
-    steps_from(surface.neighbours, doors, floor, False, reach, steps)
+def _without_gaps(surface: Surface, mask: NDArray[np.bool_], parts: int, reach: int) -> NDArray[np.bool_]:
+    """The mask widened by ``reach`` small cells, and narrowed again."""
+    doors, steps = doors_of(parts), np.empty(mask.size, np.uint8)
+    steps_from(surface.neighbours, doors, mask, False, reach, steps)
     outside = steps > reach
     steps_from(surface.neighbours, doors, outside, True, reach, steps)
-    return np.asarray(steps > reach)
+    return np.asarray((steps > reach) | mask)
 
 
 def _opened(surface: Surface, free: NDArray[np.bool_], parts: int) -> NDArray[np.bool_]:

@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from maps._numba_floor import DI, DJ, UNKNOWN, WALL
-from maps._numba_surface import (
+from maps._numba_parts import (
     all_around,
     any_around,
+    bridge,
     doors_of,
-    ease,
     fill_islands,
     in_order,
-    lower_envelope,
     neighbours_of_parts,
     steps_from,
 )
+from maps._numba_surface import ease, lower_envelope
 from maps.settings import FreeSpaceSettings
 from maps.surface import Surface, grouped
 from semmap.geometry import Array
@@ -81,6 +81,21 @@ def test_cells_around_are_those_of_erosion_and_dilation(parts: int) -> None:
     assert_array_equal(out, small(ndimage.binary_erosion(mask, EIGHT), parts))
     any_around(flat().neighbours, doors_of(parts), small(mask, parts), out)
     assert_array_equal(out, small(ndimage.binary_dilation(mask, EIGHT), parts))
+
+
+def test_gaps_of_thin_walls_are_bridged_and_straight_ones_stay_thin() -> None:
+    mask = np.zeros(SHAPE, bool)
+    mask[4], mask[4, 10:13], mask[4, 20:25] = True, False, False
+    mask[np.arange(8, 22), np.arange(8, 22)] = True
+    mask[14:16, 14:16] = False
+    out = np.empty(mask.size, bool)
+    bridge(flat().neighbours, doors_of(1), mask.ravel(), 3, out)
+    expected = mask.copy()
+    expected[4, 10:13] = expected[[14, 15], [14, 15]] = True
+    assert (out.reshape(SHAPE) >= expected).all()
+    assert out.sum() <= expected.sum() + 8
+    assert not out.reshape(SHAPE)[:3].any()
+    assert not out.reshape(SHAPE)[3:6, [*range(8), *range(15, 18)]][[0, 2]].any()
 
 
 def test_islands_are_filled_up_to_their_size_and_not_at_the_edge() -> None:
