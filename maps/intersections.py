@@ -51,7 +51,7 @@ class _Hub:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Link:
+class Link:
     """A roadway between two hubs, and how far apart it leaves them, in sums of their distances to the walls."""
 
     hubs: tuple[int, int]
@@ -79,7 +79,7 @@ class _Finder:
         self.leaving = topology.leaving()
         self.hubs = self._hubs()
         self.links = [_link(road, self.hubs) for road in topology.roadways if self.hubs.keys() >= set(road.nodes)]
-        self.links_at: dict[int, list[_Link]] = {node: [] for node in self.hubs}
+        self.links_at: dict[int, list[Link]] = {node: [] for node in self.hubs}
         for link in self.links:
             for node in set(link.hubs):
                 self.links_at[node].append(link)
@@ -143,7 +143,7 @@ class _Finder:
             yield self.topology.niches[near].standing
 
 
-def grouped(hubs: Mapping[int, object], links: list[_Link], limit: float) -> list[frozenset[int]]:
+def grouped(hubs: Mapping[int, object], links: list[Link], limit: float) -> list[frozenset[int]]:
     """Hubs in groups, by their lowest number: two are in one where a link leaves them less than ``limit`` apart."""
     lead = {node: node for node in hubs}
 
@@ -163,11 +163,11 @@ def grouped(hubs: Mapping[int, object], links: list[_Link], limit: float) -> lis
     return [frozenset(group) for group in groups.values()]
 
 
-def _link(road: Roadway, hubs: Mapping[int, _Hub]) -> _Link:
+def _link(road: Roadway, hubs: Mapping[int, _Hub]) -> Link:
     """A roadway counts as short if the hubs are close, and it takes no long way round between them."""
     one, other = hubs[road.nodes[0]], hubs[road.nodes[1]]
     reach = max(one.clearance + other.clearance, 1e-6)
-    return _Link(road.nodes, max(float(np.linalg.norm((one.p - other.p)[:2])), 0.5 * road.length) / reach)
+    return Link(road.nodes, max(float(np.linalg.norm((one.p - other.p)[:2])), 0.5 * road.length) / reach)
 
 
 def runs_within(road: Roadway, group: frozenset[int]) -> bool:

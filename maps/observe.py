@@ -81,7 +81,6 @@ def _as_seen(settings: TopologySettings) -> TopologySettings:
             "min_aspect": settings.min_aspect / CLOSE_CALL,
             "open_branch": settings.open_branch / CLOSE_CALL,
             "corner_deg": settings.corner_deg / CLOSE_CALL,
-            "axis_length": settings.axis_length / CLOSE_CALL,
         }
     )
 

@@ -14,6 +14,8 @@ from maps.free_space import FreeSpace
 
 _SCATTER = (73856093, 19349663, 2654435761)
 """Large primes that scatter plan positions (Teschner's spatial hash, Knuth's multiplicative hash)."""
+_HIGH, _MIDDLE = np.uint64(36), np.uint64(32)
+"""One number sorts faster than three: the scattering takes 32 bits, the neighbours four."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,10 +52,10 @@ def medial_axis(space: FreeSpace) -> NDArray[np.bool_]:
     Of cells equally far from the walls those amid most free ones go first, and of these in an order scattered by their
     plan position, so that the lines stay in the middle whatever way the mine is turned and whatever else is in the map.
     """
-    amid = (space.neighbours >= 0).sum(axis=1, dtype=np.int8)
-    squared = np.rint((space.clearance / space.cell) ** 2).astype(np.int32)
+    squared = np.rint((space.clearance / space.cell) ** 2).astype(np.uint64)
+    fewest = (space.neighbours < 0).sum(axis=1, dtype=np.uint64)
     kept = np.ones(len(space), dtype=bool)
-    thin(kept, space.neighbours, np.lexsort((_scattered(space.ij), -amid, squared)))
+    thin(kept, space.neighbours, np.argsort((squared << _HIGH) + (fewest << _MIDDLE) + _scattered(space.ij)))
     return kept
 
 

@@ -12,7 +12,7 @@ from synthetic_mine import SyntheticMine, corner, straight, t_junction, x_juncti
 from maps.columns import columns_of
 from maps.free_cells import split_ground_and_walls
 from maps.free_space import FreeSpace
-from maps.intersections import Crossing, find_alternatives, find_intersections, kind_of
+from maps.intersections import Crossing, Link, find_alternatives, find_intersections, grouped, kind_of
 from maps.invariant_point import invariant_point
 from maps.settings import FreeSpaceSettings, TopologySettings
 from maps.topology import roadway_topology
@@ -138,3 +138,33 @@ def test_a_hall_is_no_intersection() -> None:
 def test_kind_of(degrees: list[float], kind: str) -> None:
     assert kind_of(np.radians(degrees)) == kind
     assert kind_of(np.radians([0, 60, 120, 180, 250])) == "multi"
+
+
+def grouped_by_relabelling(hubs: range, links: list[Link], limit: float) -> set[frozenset[int]]:
+    """What `grouped` does, one link after the other over all hubs."""
+    label = {hub: hub for hub in hubs}
+    for link in links:
+        if link.apart < limit:
+            old, new = (label[hub] for hub in link.hubs)
+            label = {hub: new if mark == old else mark for hub, mark in label.items()}
+    return {frozenset(hub for hub in hubs if label[hub] == mark) for mark in label.values()}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_neighbours_are_grouped_as_if_relabelled_one_by_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    hubs = range(60)
+    links = [Link((int(a), int(b)), float(rng.random())) for a, b in rng.integers(0, 60, (90, 2))]
+    for limit in (0.0, 0.2, 0.6):
+        groups = grouped(dict.fromkeys(hubs), links, limit)
+        assert set(groups) == grouped_by_relabelling(hubs, links, limit)
+        assert [min(group) for group in groups] == sorted(min(group) for group in groups)
+
+
+def test_a_drift_around_a_pillar_is_no_intersection() -> None:
+    """Two meetings of three roadways that are one place where a roadway goes straight on."""
+    sides = ((-4.5, -3.0, 4.5, -3.0, 3.0), (-4.5, 3.0, 4.5, 3.0, 3.0))
+    ends = ((-4.5, -4.5, -4.5, 4.5, 3.0), (4.5, -4.5, 4.5, 4.5, 3.0))
+    around = SyntheticMine(((-35.0, 0.0, -4.0, 0.0, 4.0), (4.0, 0.0, 35.0, 0.0, 4.0), *sides, *ends))
+    crossings = crossings_of(around.cloud())
+    assert all(len(crossing.branches) >= 3 for crossing in crossings)
