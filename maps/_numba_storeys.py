@@ -226,15 +226,15 @@ def bounds_of_sheets(
     deepest: float,
     tally: NDArray[np.int32],
 ) -> None:
-    """Count for each sheet how its sides go on, into ``tally`` (g, 4): up a wall, down to a floor, nowhere; and cells.
+    """Count for each sheet how its sides go on, into ``tally`` (g, 2, 3): up a wall, down to a floor, nowhere.
 
-    From each gap one looks in four directions as far as ``reach`` cells: where the sheet goes on behind a hole it has
-    no border. A wall has points in the lower and in the upper half of ``band`` (2,) above the floor, as far as the roof
-    is higher; a floor below is at most ``deepest`` down.
+    Those of gaps under the open sky come first, those below a roof after them. From each gap one looks in four
+    directions as far as ``reach`` cells: where the sheet goes on behind a hole it has no border. A wall has points in
+    the lower and in the upper half of ``band`` (2,) above the floor, as far as the roof is higher; a floor below is at
+    most ``deepest`` down.
     """
     for c in range(ij.shape[0]):
         for a in range(begins[c], begins[c + 1]):
-            tally[sheet[a], 3] += 1
             end = min(band[1], headroom[a] - band[0])
             middle = 0.5 * (band[0] + end)
             for k in range(4):
@@ -255,4 +255,4 @@ def bounds_of_sheets(
                         break
                 if on:
                     continue
-                tally[sheet[a], 1 if below else 0 if low and high else 2] += 1
+                tally[sheet[a], int(headroom[a] < np.inf), 1 if below else 0 if low and high else 2] += 1

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from maps._numba_storeys import bounds_of_sheets, count_gaps, count_support, link_gaps, link_narrow_gaps, write_gaps
 from maps.columns import Columns
 from maps.settings import FreeSpaceSettings
+from semmap.geometry import Array
 
 _HEADROOM_M, _COMMON_M = 1.2, 1.0
 """Least free height over a floor, and that neighbouring floors must have in common. Both cells are wide and slope."""
@@ -27,7 +28,8 @@ MAX_TABLE_HEIGHT_M, MAX_TABLE_AREA_M2 = 4.0, 60.0
 """A machine's top is at most so high and so large."""
 _TABLE_SHARE, _ISLAND_SHARE = 0.25, 0.7
 """At least such shares of its border are over the floor: the second of machines that stand free, of any size."""
-_WALL_SHARE = 0.3
+_WALL_SHARE, _MOSTLY, _LEAST_SIDES = 0.3, 0.6, 100
+"""A floor has walls along this share of its border, or along most of that below a roof, if that is not little."""
 LEAST_AREA_M2 = 8.0
 
 
@@ -56,7 +58,7 @@ def storeys_of(columns: Columns, settings: FreeSpaceSettings) -> Storeys:
     linking = (columns.ij, begins, height, headroom, support, _SUPPORT, rise, _STEP_M, _COMMON_M)
     link_gaps(*linking, sheet)
     link_narrow_gaps(*linking, round(_NARROW_M / columns.cell), sheet)
-    tally = np.zeros((len(height), 4), np.int32)
+    tally = np.zeros((len(height), 2, 3), np.int32)
     band = np.array([settings.wall_from, settings.wall_to])
     bounds_of_sheets(
         columns.ij,
@@ -75,15 +77,20 @@ def storeys_of(columns: Columns, settings: FreeSpaceSettings) -> Storeys:
         MAX_TABLE_HEIGHT_M,
         tally,
     )
-    kept = _is_floor(tally, columns.cell)[sheet]
+    area: Array = np.bincount(sheet, minlength=len(height)) * columns.cell**2
+    kept = _is_floor(tally, area)[sheet]
     ij = np.repeat(columns.ij, np.diff(begins), axis=0)
     return Storeys(ij[kept], height[kept], headroom[kept])
 
 
-def _is_floor(tally: NDArray[np.int32], cell: float) -> NDArray[np.bool_]:
-    """Which sheets are floors of roadways, from how many of their cells' sides end at walls, over floors, nowhere."""
-    wall, below, nowhere, cells = tally.T
+def _is_floor(tally: NDArray[np.int32], area: Array) -> NDArray[np.bool_]:
+    """Which sheets are floors of roadways, from how many of their cells' sides end at walls, over floors, nowhere.
+
+    Where one is, what is outside a portal may belong to it, too, and ends nowhere: the part below a roof tells.
+    """
+    wall, below, nowhere = tally.sum(axis=1).T
     border = np.maximum(wall + below + nowhere, 1)
-    area = cells * cell**2
     table = (below > _ISLAND_SHARE * border) | (below > _TABLE_SHARE * border) & (area < MAX_TABLE_AREA_M2)
-    return np.asarray((area > LEAST_AREA_M2) & (wall > _WALL_SHARE * border) & ~table)
+    inside = tally[:, 1].sum(axis=1)
+    walled = (wall > _WALL_SHARE * border) | (tally[:, 1, 0] > np.maximum(_MOSTLY * inside, _LEAST_SIDES))
+    return np.asarray((area > LEAST_AREA_M2) & walled & ~table)

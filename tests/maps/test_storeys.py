@@ -126,6 +126,21 @@ def test_a_roof_seen_from_above_and_terrain_off_the_mine_are_no_floor() -> None:
     assert len(under_a_hill) == pytest.approx(len(space), rel=0.01)
 
 
+def test_a_portal_opens_into_a_pit() -> None:
+    """Its floor is far larger than the mine's, and ends nowhere on three sides; the bench over the mine is none."""
+    mine, rng = t_junction(5.0), np.random.default_rng(6)
+    cloud = mine.cloud()
+    cloud = cloud[~((cloud[:, 0] > 29.9) & (np.abs(cloud[:, 1]) < 2.4) & (np.abs(cloud[:, 2] - 1.5) < 1.4))]
+    pit = np.column_stack([rng.uniform([30.0, -60.0], [150.0, 60.0], (400000, 2)), np.zeros(400000)])
+    face = np.column_stack([np.full(40000, 30.0), rng.uniform([-60.0, 0.0], [60.0, 12.0], (40000, 2))])
+    face = face[(np.abs(face[:, 1]) > 2.5) | (face[:, 2] > 3.0)]
+    bench = np.column_stack([rng.uniform([-30.0, -60.0], [30.0, 60.0], (200000, 2)), np.full(200000, 12.0)])
+    space = space_of(np.vstack([cloud, pit, face, bench]))
+    assert (space.find(mine.to_map(plan_at(mine, 0.5))) >= 0).all()
+    assert space.height.max() < 0.2
+    assert pieces(space)[0] == 1
+
+
 def test_tiles_give_the_same_floor() -> None:
     cloud = np.vstack([t_junction().cloud(), t_junction().cloud() + [0.0, 0.0, 6.0]])
     tile = np.floor(cloud[:, 0] / 8.0).astype(int)
