@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from maps._numba_storeys import bounds_of_sheets, count_gaps, count_support, link_gaps, link_narrow_gaps, write_gaps
 from maps.columns import Columns
 from maps.settings import FreeSpaceSettings
-from semmap.geometry import Array
 
 _HEADROOM_M, _COMMON_M = 1.2, 1.0
 """Least free height over a floor, and that neighbouring floors must have in common. Both cells are wide and slope."""
@@ -77,13 +76,12 @@ def storeys_of(columns: Columns, settings: FreeSpaceSettings) -> Storeys:
         MAX_TABLE_HEIGHT_M,
         tally,
     )
-    area: Array = np.bincount(sheet, minlength=len(height)) * columns.cell**2
-    kept = _is_floor(tally, area)[sheet]
+    kept = _is_floor(tally, np.bincount(sheet, minlength=len(height)) * columns.cell**2)[sheet]
     ij = np.repeat(columns.ij, np.diff(begins), axis=0)
     return Storeys(ij[kept], height[kept], headroom[kept])
 
 
-def _is_floor(tally: NDArray[np.int32], area: Array) -> NDArray[np.bool_]:
+def _is_floor(tally: NDArray[np.int32], area: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Which sheets are floors of roadways, from how many of their cells' sides end at walls, over floors, nowhere.
 
     Where one is, what is outside a portal may belong to it, too, and ends nowhere: the part below a roof tells.
