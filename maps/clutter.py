@@ -21,11 +21,15 @@ from maps.surface import APART_M, Surface
 from semmap.geometry import Array
 
 _CLEAR_M = 0.3
+"""What comes nearer to the roof reaches it."""
 _FARTHEST_M, _LOOK_M = 4.0, 1.2
-_LEVEL_M = 0.2
-_LEAST_AREA_M2 = 1.0
+"""How far from seen floor clutter may reach, and how far beside it floor or walls must be."""
+_LEVEL_M, _LEAST_AREA_M2 = 0.2, 1.0
+"""The top of a machine changes by at most so much from cell to cell, and is at least so large."""
 _BESIDE_M = 2.5
+"""Floor nearer in height than this is of the same level."""
 _NOTHING = np.float32(-1e6)
+"""The top of nothing: only the roof was seen."""
 _EASE = 60
 _MOST_OPEN, _MOST_OPEN_ROOFLESS = 0.25, 0.12
 """Clutter stands on floor and before walls: at most this share of its sides may end at nothing, as the tops of walls

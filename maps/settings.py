@@ -11,13 +11,13 @@ from semmap.settings import Settings
 class FreeSpaceSettings(Settings):
     """How floor, walls and free space are told apart.
 
-    cell : cell of the free-space raster [m].
-    ground_cell : cell of the floor raster [m], a multiple of ``cell``.
+    cell : side of a cell of free space [m].
+    ground_cell : side of the cells floors are looked for in [m], a multiple of ``cell``.
     max_slope : steepest floor, rise over run; steeper surfaces are walls.
     wall_from, wall_to : height above the floor of the band whose points are walls [m].
     max_gap, max_gap_sparse : holes in a map's floor up to this width are closed, where it is well and where it is
-        thinly sampled [m].
-    max_clutter : obstacles in free space up to this area are not walls (vehicles, posts) [m²].
+        very thinly sampled [m]; in between as the sampling asks.
+    max_clutter : obstacles in free space up to this area are not walls, even if they reach the roof (posts) [m²].
     view_range : of a keyframe, only what is nearer than this to its LiDAR is used [m].
     """
 

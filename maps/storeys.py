@@ -20,9 +20,12 @@ _HEADROOM_M, _COMMON_M = 1.2, 1.0
 """Least free height over a floor, and that neighbouring floors must have in common. Both cells are wide and slope."""
 _STEP_M = 0.2
 """Step from cell to cell that a floor may have beyond its slope: stones, noise, sleepers."""
-THIN_M = 0.2
+_THIN_M = 0.2
+"""The surface of a thicker run, be it stones or the foot of a wall, is so far below its top."""
 _SUPPORT = 4
+"""A cell well inside a floor goes on in at least so many of its eight neighbours."""
 _LOOK_M, _NARROW_M = 2.4, 4.0
+"""How far behind a hole in a floor one looks for more of it; how long a narrow passage may be to belong to a floor."""
 MAX_TABLE_HEIGHT_M, MAX_TABLE_AREA_M2 = 4.0, 60.0
 """A machine's top is at most so high and so large."""
 _TABLE_SHARE, _ISLAND_SHARE = 0.25, 0.7
@@ -30,6 +33,7 @@ _TABLE_SHARE, _ISLAND_SHARE = 0.25, 0.7
 _WALL_SHARE, _MOSTLY, _LEAST_SIDES = 0.3, 0.6, 100
 """A floor has walls along this share of its border, or along most of that below a roof, if that is not little."""
 LEAST_AREA_M2 = 8.0
+"""Less is no place."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +53,7 @@ def storeys_of(columns: Columns, settings: FreeSpaceSettings) -> Storeys:
     """The floors in the columns of a map."""
     begins = count_gaps(columns.first, columns.bottom, columns.top, _HEADROOM_M)
     height, headroom = np.empty((2, begins[-1]), np.float32)
-    write_gaps(columns.first, columns.bottom, columns.top, columns.mean, _HEADROOM_M, THIN_M, height, headroom)
+    write_gaps(columns.first, columns.bottom, columns.top, columns.mean, _HEADROOM_M, _THIN_M, height, headroom)
     rise = settings.max_slope * columns.cell
     support = np.empty(len(height), np.int8)
     count_support(columns.ij, begins, height, headroom, rise, _STEP_M, _COMMON_M, support)
