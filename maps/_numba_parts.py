@@ -111,19 +111,17 @@ def steps_from(
     done, count = 0, 0
     for row in range(mask.size):
         steps[row] = 0 if mask[row] else limit + 1
-    for seed in range(2 if edge else 1):  # those of the mask before those at the edge: in the order of the steps
-        for cell in range(neighbours.shape[0]):
-            for part in range(size):
-                row = cell * size + part
-                if mask[row] != (seed == 0):
-                    continue
-                for k in range(0, 8, 2):
-                    other = _beyond(neighbours, doors, cell, part, k)
-                    if (seed == 0 and other >= 0 and not mask[other]) or (seed == 1 and other < 0):
-                        steps[row] = seed
-                        queue[count] = row
-                        count += 1
-                        break
+    for seed in range(2):  # first those of the mask, then those at the edge: the queue is in the order of the steps
+        for row in range(mask.size if seed == 0 or edge else 0):
+            if mask[row] != (seed == 0):
+                continue
+            for k in range(0, 8, 2):
+                other = _beyond(neighbours, doors, row // size, row % size, k)
+                if (seed == 0 and other >= 0 and not mask[other]) or (seed == 1 and other < 0):
+                    steps[row] = seed
+                    queue[count] = row
+                    count += 1
+                    break
     while done < count:
         row = queue[done]
         done += 1
@@ -143,15 +141,13 @@ def all_around(
 ) -> None:
     """Small cells of the mask whose eight neighbours are in it."""
     size = doors.shape[0]
-    for cell in range(neighbours.shape[0]):
-        for part in range(size):
-            row = cell * size + part
-            out[row] = mask[row]
-            for k in range(8):
-                if not out[row]:
-                    break
-                other = _beyond(neighbours, doors, cell, part, k)
-                out[row] = other >= 0 and mask[other]
+    for row in range(mask.size):
+        out[row] = mask[row]
+        for k in range(8):
+            if not out[row]:
+                break
+            other = _beyond(neighbours, doors, row // size, row % size, k)
+            out[row] = other >= 0 and mask[other]
 
 
 @numba.njit(cache=True)
@@ -171,27 +167,24 @@ def any_around(
 
 @numba.njit(cache=True)
 def bridge(
-    neighbours: NDArray[np.int32], doors: NDArray[np.int64], where: NDArray[np.bool_], gap: int, mask: NDArray[np.bool_]
+    neighbours: NDArray[np.int32], doors: NDArray[np.int64], mask: NDArray[np.bool_], gap: int, out: NDArray[np.bool_]
 ) -> None:
-    """Add to the mask small cells between two of its cells on opposite sides (135 degrees or more), ``gap`` apart.
-
-    where : which may be added.
-    """
-    given = mask.copy()
+    """The mask, and the small cells between two of its cells on opposite sides (135 degrees or more), ``gap`` apart."""
     size = doors.shape[0]
     away = np.empty(8, np.int64)
     for row in range(mask.size):
-        if given[row] or not where[row]:
+        out[row] = mask[row]
+        if mask[row]:
             continue
         for k in range(8):
             other, away[k] = row, gap + 1
             for step in range(1, gap + 1):
                 other = _beyond(neighbours, doors, other // size, other % size, k)
-                if other < 0 or given[other]:
+                if other < 0 or mask[other]:
                     away[k] = step if other >= 0 else gap + 1
                     break
         for k in range(8):
-            mask[row] |= away[k] + min(away[(k + 3) % 8], away[(k + 4) % 8]) <= gap + 1
+            out[row] |= away[k] + min(away[(k + 3) % 8], away[(k + 4) % 8]) <= gap + 1
 
 
 @numba.njit(cache=True)

@@ -73,7 +73,7 @@ def _free_cells(surface: Surface, columns: Columns, parts: int, settings: FreeSp
     )
     clutter = np.repeat(surface.clutter, parts**2)
     wall &= ~clutter
-    floor = _closed(surface, floor, wall, parts, settings)
+    floor, wall = _closed(surface, floor, wall, parts, settings)
     free = (floor | clutter) & ~wall
     free = _opened(surface, free, parts)
     doors = doors_of(parts)
@@ -93,21 +93,20 @@ def _band_top(surface: Surface, settings: FreeSpaceSettings) -> NDArray[np.float
 
 def _closed(
     surface: Surface, floor: NDArray[np.bool_], wall: NDArray[np.bool_], parts: int, settings: FreeSpaceSettings
-) -> NDArray[np.bool_]:
-    """Floor without the holes that the sampling left: small ones, and wider ones where it is thinly sampled.
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Floor and walls without the holes that the sampling left.
 
-    There the small holes in the walls, which stop the floor, are closed, too: ``wall`` is written to.
+    Small ones in the floor; wider ones where it is thinly sampled, and small ones in the walls, which stop it.
     """
     little, wide = (round(0.5 * gap / settings.cell) for gap in (settings.max_gap, settings.max_gap_sparse))
     whole = _without_gaps(surface, floor, parts, wide)
     covered = np.repeat(_covered(surface, floor, whole, parts), parts**2)
-    thin = covered < _THIN
-    narrow = _without_gaps(surface, floor, parts, little)
-    if not thin.any():
-        return narrow
-    bridge(surface.neighbours, doors_of(parts), thin, round(settings.max_gap / settings.cell), wall)
     middle = _without_gaps(surface, floor, parts, (little + wide) // 2)
-    return np.select([covered < _VERY_THIN, thin], [whole, middle], narrow)
+    narrow = _without_gaps(surface, floor, parts, little)
+    whole_wall = np.empty_like(wall)
+    bridge(surface.neighbours, doors_of(parts), wall, round(settings.max_gap / settings.cell), whole_wall)
+    wall = wall | (covered < _THIN) & whole_wall
+    return np.select([covered < _VERY_THIN, covered < _THIN], [whole, middle], narrow), wall
 
 
 def _covered(surface: Surface, floor: NDArray[np.bool_], whole: NDArray[np.bool_], parts: int) -> NDArray[np.float32]:

@@ -88,10 +88,8 @@ def test_gaps_of_thin_walls_are_bridged_and_straight_ones_stay_thin() -> None:
     mask[4], mask[4, 10:13], mask[4, 20:25] = True, False, False
     mask[np.arange(8, 22), np.arange(8, 22)] = True
     mask[14:16, 14:16] = False
-    out, where = mask.ravel().copy(), np.ones(mask.size, bool)
-    bridge(flat().neighbours, doors_of(1), ~where, 3, out)
-    assert_array_equal(out, mask.ravel())
-    bridge(flat().neighbours, doors_of(1), where, 3, out)
+    out = np.empty(mask.size, bool)
+    bridge(flat().neighbours, doors_of(1), mask.ravel(), 3, out)
     expected = mask.copy()
     expected[4, 10:13] = expected[[14, 15], [14, 15]] = True
     assert (out.reshape(SHAPE) >= expected).all()
