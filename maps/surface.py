@@ -136,7 +136,7 @@ def grouped(
     order = np.lexsort((headroom, height, ij[:, 1], ij[:, 0]))
     ij, height, headroom = ij[order], height[order], headroom[order]
     new = np.ones(len(ij), np.bool_)
-    new[1:] = (np.diff(ij, axis=0) != 0).any(axis=1) | (np.diff(height) > 0.5 * APART_M)
+    new[1:] = (np.diff(ij, axis=0) != 0).any(axis=1) | (np.diff(height) >= APART_M)
     starts = np.flatnonzero(new)
     if not len(starts):
         return ij, height, headroom
