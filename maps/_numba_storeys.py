@@ -118,6 +118,21 @@ def count_support(
 
 
 @numba.njit(cache=True)
+def _no_column_between(ij: NDArray[np.int32], i: int, j: int, di: int, dj: int) -> bool:
+    """Whether (i, j) and the cell (di, dj) on, two at most, are neighbours or have a hole between them.
+
+    Over what has points one goes from neighbour to neighbour: a leap could climb a box and then the wall beside it.
+    """
+    if max(abs(di), abs(dj)) < 2:
+        return True
+    for a in range(di // 2, (di + 1) // 2 + 1):
+        for b in range(dj // 2, (dj + 1) // 2 + 1):
+            if max(abs(a), abs(b)) == 1 and _column(ij, i + a, j + b) < 0:
+                return True
+    return False
+
+
+@numba.njit(cache=True)
 def link_gaps(
     ij: NDArray[np.int32],
     begins: NDArray[np.int64],
@@ -148,7 +163,7 @@ def link_gaps(
                 q += 1
             ahead[di] = q
             while q < n and ij[q, 0] == i + di and ij[q, 1] <= j + REACH:
-                if q > c:
+                if q > c and _no_column_between(ij, i, j, di, ij[q, 1] - j):
                     limit = rise * np.hypot(di, ij[q, 1] - j) + step
                     for a in range(begins[c], begins[c + 1]):
                         for b in range(begins[q], begins[q + 1]):
