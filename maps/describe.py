@@ -112,33 +112,3 @@ def thinned(points: Points, voxel: float) -> NDArray[np.float32]:
     count = np.bincount(owner)
     means = [np.bincount(owner, points[:, axis]) / count for axis in range(3)]
     return np.stack(means, axis=-1).astype(np.float32)
-
-
-class Neighbourhoods:
-    """Points of a map by place: those around a point are found without a look at all of them.
-
-    Parameters
-    ----------
-    points : (n, 3) [m]. cell : side of the squares the points are sorted into [m].
-    """
-
-    def __init__(self, points: Points, cell: float = 5.0) -> None:
-        self._low = points[:, :2].min(axis=0).astype(np.float64)
-        self._cell = cell
-        cells = np.floor((points[:, :2] - self._low) / cell).astype(np.int64)
-        self._columns = int(cells[:, 1].max()) + 1
-        flat = cells[:, 0] * self._columns + cells[:, 1]
-        self._order = np.argsort(flat, kind="stable")
-        self._sorted = flat[self._order]
-        self._points = points
-
-    def around(self, p: Array, radius: float) -> Array:
-        """Points (k, 3) within ``radius`` [m] of ``p`` (3,) in plan view, float64."""
-        low = np.floor((p[:2] - radius - self._low) / self._cell).astype(int)
-        high = np.floor((p[:2] + radius - self._low) / self._cell).astype(int)
-        rows = range(max(low[0], 0), high[0] + 1)
-        columns = np.clip([low[1], high[1]], 0, self._columns - 1)
-        runs = [np.searchsorted(self._sorted, row * self._columns + columns + (0, 1)) for row in rows]
-        chosen = np.concatenate([self._order[a:b] for a, b in runs]) if runs else self._order[:0]
-        near = self._points[np.sort(chosen)].astype(np.float64)
-        return np.asarray(near[np.sum((near[:, :2] - p[:2]) ** 2, axis=1) < radius**2])

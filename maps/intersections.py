@@ -171,6 +171,7 @@ def _link(road: Roadway, hubs: Mapping[int, _Hub]) -> Link:
 
 
 def runs_within(road: Roadway, group: frozenset[int]) -> bool:
+    """Whether a roadway is only a piece of the intersection made of the nodes ``group``."""
     return set(road.nodes) <= group and road.length < _AROUND_PILLAR_M
 
 

@@ -11,7 +11,7 @@ from synthetic_mine import SyntheticMine
 
 from descriptors.similarity import similarity
 from maps.build import build_semantic_map
-from maps.describe import Neighbourhoods, thinned
+from maps.describe import thinned
 from maps.prior_map import PriorMap, read_prior_map
 from maps.settings import MapSettings
 from semmap.errors import CloudError
@@ -128,15 +128,6 @@ def test_a_map_without_intersections_is_empty_and_one_without_floor_an_error() -
     assert len(single.roadways.edge_nodes) == 1
     with pytest.raises(CloudError, match="no points"):
         build_semantic_map(prior(np.zeros((0, 3))))
-
-
-def test_neighbourhoods_agree_with_a_search_of_all_points() -> None:
-    points = np.random.default_rng(4).uniform([-40, -30, -6], [50, 20, 15], (20000, 3)).astype(np.float32)
-    index = Neighbourhoods(points)
-    for p in ([0.0, 0.0, 0.0], [-44.0, 10.0, 2.0], [49.0, -31.0, 0.0], [200.0, 0.0, 0.0]):
-        here = np.array(p)
-        near = np.hypot(*(points[:, :2].astype(float) - here[:2]).T) < 7.0
-        assert_array_equal(index.around(here, 7.0), points[near].astype(float))
 
 
 def test_thinning_keeps_one_mean_for_each_voxel() -> None:
