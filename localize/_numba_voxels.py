@@ -38,13 +38,16 @@ def rehash(keys, cells, new_keys, new_cells):
 
 
 @njit(cache=True)
-def insert(points, inverse_size, max_points, min_points, keys, cells, used, count, mean, scatter, normal, variance):
+def insert(
+    points, inverse_size, max_points, min_points, keys, cells, used, count, mean, scatter, normal, variance, spread, added, hit
+):  # fmt: skip
     """Add points (n, 3) in odom; returns the number of cells in use. Full cells (max_points) stay as they are.
 
     The tables must have room for n more cells. variance is that of the points along the normal [m²], negative while
     there is no plane.
     """
     S = np.empty((3, 3))
+    hits = 0
     for i in range(len(points)):
         key = cell_key(points[i, 0], points[i, 1], points[i, 2], inverse_size)
         slot = _slot_of(keys, key)
@@ -59,9 +62,15 @@ def insert(points, inverse_size, max_points, min_points, keys, cells, used, coun
             used += 1
         else:
             c = cells[slot]
+        if added[c] == 0:
+            hit[hits] = c
+            hits += 1
         n = count[c]
         if n >= max_points:
+            if added[c] == 0:
+                added[c] = -1
             continue
+        added[c] = max(added[c], 0) + 1
         n += 1
         count[c] = n
         dx, dy, dz = points[i, 0] - mean[c, 0], points[i, 1] - mean[c, 1], points[i, 2] - mean[c, 2]
@@ -81,12 +90,21 @@ def insert(points, inverse_size, max_points, min_points, keys, cells, used, coun
             S[2, 0], S[2, 1], S[2, 2] = scatter[c, 2], scatter[c, 4], scatter[c, 5]
             eigenvalues, vectors = np.linalg.eigh(S / (n - 1))
             # a plane spreads both ways: a single scan line has no normal
-            if eigenvalues[1] > 9.0 * eigenvalues[0] and eigenvalues[1] > 0.02 * eigenvalues[2]:
+            if eigenvalues[1] > 9.0 * eigenvalues[0] and eigenvalues[1] > 0.05 * eigenvalues[2]:
                 normal[c] = vectors[:, 0]
-                variance[c] = max(eigenvalues[0], 0.0)
+                variance[c] = max(eigenvalues[0], 0.0) * (n - 1) / (n - 3)
+                spread[c, 0] = vectors[:, 1] / np.sqrt(eigenvalues[1])
+                spread[c, 1] = vectors[:, 2] / np.sqrt(eigenvalues[2])
             else:
                 variance[c] = -1.0
-    return used
+    share, planes = 0.0, 0
+    for k in range(hits):
+        c = hit[k]
+        if variance[c] >= 0.0:
+            share += max(added[c], 0) / count[c]
+            planes += 1
+        added[c] = 0
+    return used, (share / planes if planes else 1.0)
 
 
 @njit(cache=True)
@@ -142,8 +160,8 @@ def _plane_near(x, y, z, size, keys, cells, variance, mean):
 
 @njit(cache=True)
 def point_to_plane(
-    points, R, p, R_imu_lidar, p_imu_lidar, size, keys, cells, mean, normal, variance, range_variance, gate,
-    A, b, residuals, sigmas,
+    points, R, p, R_imu_lidar, p_imu_lidar, size, keys, cells, count, mean, normal, variance, spread, range_variance,
+    gate, A, b, B, residuals, sigmas,
 ):  # fmt: skip
     """Sum A += HᵀH/σ², b -= Hᵀr/σ² of the point-to-plane residuals (paper 000 Eq. 14); returns how many matched.
 
@@ -152,6 +170,7 @@ def point_to_plane(
     """
     A[:, :] = 0.0
     b[:] = 0.0
+    B[:, :] = 0.0
     h = np.empty(12)
     matched = 0
     for i in range(len(points)):
@@ -167,8 +186,15 @@ def point_to_plane(
         if c < 0:
             continue
         nx, ny, nz = normal[c, 0], normal[c, 1], normal[c, 2]
-        r = nx * (x - mean[c, 0]) + ny * (y - mean[c, 1]) + nz * (z - mean[c, 2])
-        sigma2 = variance[c] + range_variance
+        dx, dy, dz = x - mean[c, 0], y - mean[c, 1], z - mean[c, 2]
+        r = nx * dx + ny * dy + nz * dz
+        # the plane is known best amid its points, and the less the farther beyond them
+        s, e = 0, 0.0
+        for s in range(2):
+            e += (spread[c, s, 0] * dx + spread[c, s, 1] * dy + spread[c, s, 2] * dz) ** 2
+        white2 = variance[c] + range_variance
+        plane2 = white2 * (1.0 + e) / count[c]
+        sigma2 = white2 + plane2
         if r * r > gate * gate * sigma2:
             continue
         # normal in the imu and in the lidar frame
@@ -189,10 +215,12 @@ def point_to_plane(
             b[row] -= hw * r
             for column in range(row, 12):
                 A[row, column] += hw * h[column]
+                B[row, column] += hw * h[column] * weight * plane2
         residuals[i] = r
         sigmas[i] = np.sqrt(sigma2)
         matched += 1
     for row in range(12):
         for column in range(row):
             A[row, column] = A[column, row]
+            B[row, column] = B[column, row]
     return matched

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localize._numba_propagation import deskew, propagate
-from localize.state import ACCEL_BIAS, CLONE, ERROR_DIM, GRAVITY, GYRO_BIAS, POSITION, ROTATION, VELOCITY, NavState
+from localize.state import ACCEL_BIAS, CLONE, ERROR_DIM, GRAVITY, GYRO_BIAS, MAP, POSITION, ROTATION, VELOCITY, NavState
 from semmap.geometry import Array, se3, skew
 from semmap.rig import ImuBlock
 
@@ -141,6 +141,30 @@ class ErrorStateFilter:
         self.state.T_odom_clone = self.state.T_odom_imu
         self.P[CLONE] = self.P[:6]
         self.P[:, CLONE] = self.P[:, :6]
+
+    def centre_map(self) -> None:
+        """Tell the local map's error at the present place: a map that is turned lies the more off the farther away."""
+        moved = self.state.p - self.state.map_centre
+        J = np.eye(6)
+        J[3:, :3] = -skew(moved)
+        self.state.map_centre = self.state.p.copy()
+        self.P[MAP] = J @ self.P[MAP]
+        self.P[:, MAP] = self.P[:, MAP] @ J.T
+
+    def extend_map(self, share: float) -> None:
+        """The map lies, by a ``share`` of its points (0 to 1), as wrong as the present pose they were put in with."""
+        J = np.zeros((6, ERROR_DIM))
+        J[:, MAP] = (1.0 - share) * np.eye(6)
+        J[:3, ROTATION] = share * self.state.R
+        J[3:, POSITION] = share * np.eye(3)
+        rows = J @ self.P
+        own = rows @ J.T
+        self.P[MAP], self.P[:, MAP] = rows, rows.T
+        self.P[MAP, MAP] = own
+
+    def add_map_noise(self, covariance: Array) -> None:
+        """The planes put in lie off by themselves."""
+        self.P[MAP, MAP] += covariance
 
     def covariance_since_clone(self) -> Array:
         """Covariance (6, 6), rotation first, of ``T_clone_imu`` perturbed on the right (gtsam's order)."""

@@ -20,6 +20,7 @@ from semmap.rig import Rig
 
 _TICK_NS = 100_000_000
 """Without a LiDAR poses come at this interval."""
+_MAP_STEP_M, _MAP_TURN = 0.1, 0.05
 _GAP_NS = 50_000_000
 """A hole in the IMU's stamps longer than this is counted in ``gaps``; the rates are interpolated across it."""
 
@@ -71,6 +72,8 @@ class Odometry:
         self._last_wheel_ns = -(1 << 62)
         self.last_wheel_used_ns = -(1 << 62)
         self._any_keyframe = False
+        self._share = 0.0
+        self._mapped: Array | None = None
 
     def add(self, measurement: Measurement) -> list[OdometryPose]:
         """Take one measurement in; returns the poses that became known (usually none or one)."""
@@ -131,12 +134,25 @@ class Odometry:
             deskewed = track.deskew(scan.points[known], scan.offsets_ns[known], scan.stamp_ns, T_imu_lidar)
             matched, considered = self._match(deskewed)
             points = transform(self.filter.state.T_imu_lidar, deskewed)
-            self.voxels.insert(transform(self.filter.state.T_odom_imu, points))
+            self._extend_map(points)
         keyframe, since_keyframe = self._keyframe_rule()
         return OdometryPose(
             end_ns, self.filter.state.copy(), self.filter.P.copy(), points.astype(np.float32), matched, considered,
             keyframe, since_keyframe,
         )  # fmt: skip
+
+    def _extend_map(self, points: Array) -> None:
+        """Put the points in, but not again and again from one place: the same few lines would pass for planes."""
+        T = self.filter.state.T_odom_imu
+        if self._mapped is not None:
+            dT = inverse(self._mapped) @ T
+            if np.linalg.norm(dT[:3, 3]) < _MAP_STEP_M and rotation_angle(dT[:3, :3]) < _MAP_TURN:
+                return
+        self._mapped = T
+        T_map_imu = inverse(self.filter.state.T_odom_map) @ T
+        share = self.voxels.insert(transform(T_map_imu, points))
+        self.filter.extend_map(share)
+        self._share = 1.0 - (1.0 - self._share) * (1.0 - share)
 
     def _keyframe_rule(self) -> tuple[bool, Array]:
         """Whether this pose is a keyframe (paper 004 Eq. 8, 9; the first is), and its covariance since the last one."""
@@ -202,5 +218,9 @@ class Odometry:
             s.min_matches,
         )  # fmt: skip
         if len(self.voxels):
+            self.filter.centre_map()
+            if self._share > 0.0 and model.linearize(self.filter.state) is not None:
+                self.filter.add_map_noise(self._share * (2.0 - self._share) * model.map_noise)
+                self._share = 0.0
             self.filter.update(model, iterations=s.iterations)
         return model.matched, len(model.points)

@@ -55,6 +55,7 @@ class StartingOdometry:
         poses: list[OdometryPose] = []
         for _ in range(_PASSES):
             self.odometry = Odometry(self.rig, self.settings, self.keyframes, self._filter(R, v, imu[0].stamp_ns))
+            self.R_start=R.copy(); self.t_start=imu[0].stamp_ns
             poses = [pose for m in held if _usable(m, imu[0].stamp_ns) for pose in self.odometry.add(m)]
             R, v = _refined(R, v, poses, imu[0].stamp_ns)
         return poses
@@ -66,7 +67,7 @@ class StartingOdometry:
             T_imu_lidar=rig.lidar.T_imu_lidar if rig.lidar else np.eye(4),
             T_imu_tag=se3(np.eye(3), rig.uwb.p_imu_tag) if rig.uwb else np.eye(4),
             T_imu_wheel=rig.wheel.T_imu_wheel if rig.wheel else np.eye(4),
-            T_odom_clone=np.eye(4),
+            T_odom_clone=np.eye(4), T_odom_map=np.eye(4), map_centre=np.zeros(3),
         )  # fmt: skip
         P = start_covariance(rig.imu, tilt_std=s.start_tilt_std, velocity_std=s.start_velocity_std, g=state.g)
         return ErrorStateFilter(state, P, stamp_ns, rig.imu)

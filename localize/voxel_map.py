@@ -33,23 +33,27 @@ class VoxelMap:
         self._count = np.zeros(capacity, np.int64)
         self._mean, self._normal = np.zeros((capacity, 3)), np.zeros((capacity, 3))
         self._scatter, self._variance = np.zeros((capacity, 6)), np.full(capacity, -1.0)
+        self._spread = np.zeros((capacity, 2, 3))
+        self._added, self._hit = np.zeros(capacity, np.int64), np.empty(capacity, np.int64)
 
-    def insert(self, points: Array) -> None:
-        """Add points (n, 3) in odom."""
+    def insert(self, points: Array) -> float:
+        """Add points (n, 3) in the map frame; returns how new the map is where they are: the share (0 to 1) of the
+        points of a voxel that came with this call, in the mean over the voxels that were hit."""
         self._make_room(len(points))
-        self._used = insert(
+        self._used, share = insert(
             points, 1.0 / self.size, self.max_points, self.min_points, self._keys, self._cells, self._used,
-            self._count, self._mean, self._scatter, self._normal, self._variance,
+            self._count, self._mean, self._scatter, self._normal, self._variance, self._spread, self._added, self._hit,
         )  # fmt: skip
+        return share
 
     def _make_room(self, n: int) -> None:
         capacity = len(self._count)
         while self._used + n > capacity:
             capacity *= 2
         if capacity > len(self._count):
-            old = (self._count, self._mean, self._scatter, self._normal, self._variance)
+            old = (self._count, self._mean, self._scatter, self._normal, self._variance, self._spread)
             self._allocate(capacity)
-            new = (self._count, self._mean, self._scatter, self._normal, self._variance)
+            new = (self._count, self._mean, self._scatter, self._normal, self._variance, self._spread)
             for source, target in zip(old, new, strict=True):
                 target[: self._used] = source[: self._used]
         table = len(self._keys)
@@ -67,18 +71,18 @@ class VoxelMap:
 
     def point_to_plane(
         self, points: Array, T_odom_imu: Array, T_imu_lidar: Array, *, range_variance: float, gate: float
-    ) -> tuple[Array, Array, Array, Array, int]:
+    ) -> tuple[Array, Array, Array, Array, Array, int]:
         """A (12, 12), b (12,), residuals (n,), sigmas (n,) and the number of matches; see the kernel."""
-        A, b = np.empty((12, 12)), np.empty(12)
+        A, b, B = np.empty((12, 12)), np.empty(12), np.empty((12, 12))
         residuals, sigmas = np.empty(len(points)), np.empty(len(points))
         matched = point_to_plane(
             points,
             np.ascontiguousarray(T_odom_imu[:3, :3]), np.ascontiguousarray(T_odom_imu[:3, 3]),
             np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3]),
-            self.size, self._keys, self._cells, self._mean, self._normal, self._variance,
-            range_variance, gate, A, b, residuals, sigmas,
+            self.size, self._keys, self._cells, self._count, self._mean, self._normal, self._variance, self._spread,
+            range_variance, gate, A, b, B, residuals, sigmas,
         )  # fmt: skip
-        return A, b, residuals, sigmas, matched
+        return A, b, B, residuals, sigmas, matched
 
 
 def voxel_means(points: Array | NDArray[np.float32], size: float) -> Array:
