@@ -30,7 +30,7 @@ class OdometrySettings(Settings):
     """How well the non-holonomic constraint holds, sideways and upward [m/s]."""
     slip_gate: PositiveFloat = 16.0
     """Squared Mahalanobis distance of the forward speed beyond which the wheel slips."""
-    start_s: PositiveFloat = 1.0
+    start_s: PositiveFloat = 2.0
     """The first stretch, run several times to find speed and tilt [s]."""
     start_velocity_std: PositiveFloat = 2.0
     """What is known of the speed at the start without a wheel [m/s]."""

@@ -12,9 +12,10 @@ from semmap.geometry import Array, rotation_between, se3
 from semmap.measurements import ImuSample, Measurement, Scan, WheelSpeed
 from semmap.rig import Rig
 
-GRAVITY = 9.81
+GRAVITY = 9.80665
 """[m/s²]; the difference to the local value goes into the accelerometer bias."""
-_PASSES = 3
+import os
+_PASSES = int(os.environ.get("PASSES","3"))
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -57,8 +58,24 @@ class StartingOdometry:
             self.odometry = Odometry(self.rig, self.settings, self.keyframes, self._filter(R, v, imu[0].stamp_ns))
             self.R_start=R.copy(); self.t_start=imu[0].stamp_ns
             poses = [pose for m in held if _usable(m, imu[0].stamp_ns) for pose in self.odometry.add(m)]
-            R, v = _refined(R, v, poses, imu[0].stamp_ns)
+            R, v = self._refined(R, v, poses, imu)
         return poses
+
+    def _refined(self, R: Array, v: Array, poses: list[OdometryPose], imu: list[ImuSample]) -> tuple[Array, Array]:
+        """Start attitude and velocity that the first stretch ended up with, carried back to its beginning."""
+        if len(poses) < 4:
+            return R, v
+        end = poses[-1].state
+        back = self._filter(R, np.zeros(3), imu[0].stamp_ns)
+        back.state.gyro_bias, back.state.accel_bias, back.state.g = end.gyro_bias, end.accel_bias, end.g
+        used = [sample for sample in imu if sample.stamp_ns <= poses[-1].stamp_ns]
+        back.predict(
+            np.array([sample.stamp_ns for sample in used]),
+            np.array([sample.gyro for sample in used]),
+            np.array([sample.accel for sample in used]),
+        )
+        level = rotation_between(-end.g, _UP)
+        return level @ R, level @ (end.v - back.state.v)
 
     def _filter(self, R: Array, v: Array, stamp_ns: int) -> ErrorStateFilter:
         rig, s = self.rig, self.settings
@@ -90,12 +107,3 @@ def _first_speed(held: list[Measurement]) -> float | None:
     return next((m.speed for m in held if isinstance(m, WheelSpeed)), None)
 
 
-def _refined(R: Array, v: Array, poses: list[OdometryPose], begin_ns: int) -> tuple[Array, Array]:
-    """Start attitude and velocity that the first stretch ended up with: its vertical, and the slope of its track."""
-    if len(poses) < 4:
-        return R, v
-    t = np.array([(pose.stamp_ns - begin_ns) * 1e-9 for pose in poses])
-    p = np.array([pose.state.p for pose in poses])
-    slope = np.polynomial.polynomial.polyfit(t, p, 2)[1]
-    level = rotation_between(-poses[-1].state.g, _UP)
-    return level @ R, level @ slope
