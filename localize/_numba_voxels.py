@@ -4,6 +4,8 @@ import numpy as np
 from numba import njit
 
 EMPTY = np.int64(-1)
+_ROCK_VARIANCE, _ROCK_POINTS = 0.03**2, 10
+"""How rough rock is believed to be [m²] until this many points have told more: between a few scan lines anything may be."""
 _BIAS = 1 << 20  # cells are numbered from -2^20 to 2^20 on each axis
 
 
@@ -92,7 +94,8 @@ def insert(
             # a plane spreads both ways: a single scan line has no normal
             if eigenvalues[1] > 9.0 * eigenvalues[0] and eigenvalues[1] > 0.05 * eigenvalues[2]:
                 normal[c] = vectors[:, 0]
-                variance[c] = max(eigenvalues[0], 0.0) * (n - 1) / (n - 3)
+                scattered = max(eigenvalues[0], 0.0) * (n - 1) + _ROCK_POINTS * _ROCK_VARIANCE
+                variance[c] = scattered / (n - 3 + _ROCK_POINTS)
                 spread[c, 0] = vectors[:, 1] / np.sqrt(eigenvalues[1])
                 spread[c, 1] = vectors[:, 2] / np.sqrt(eigenvalues[2])
             else:
@@ -161,7 +164,7 @@ def _plane_near(x, y, z, size, keys, cells, variance, mean):
 @njit(cache=True)
 def point_to_plane(
     points, R, p, R_imu_lidar, p_imu_lidar, size, keys, cells, count, mean, normal, variance, spread, range_variance,
-    gate, A, b, B, residuals, sigmas,
+    beam_variance, gate, A, b, B, residuals, sigmas,
 ):  # fmt: skip
     """Sum A += HᵀH/σ², b -= Hᵀr/σ² of the point-to-plane residuals (paper 000 Eq. 14); returns how many matched.
 
@@ -173,6 +176,9 @@ def point_to_plane(
     B[:, :] = 0.0
     h = np.empty(12)
     matched = 0
+    ox = R[0, 0] * p_imu_lidar[0] + R[0, 1] * p_imu_lidar[1] + R[0, 2] * p_imu_lidar[2] + p[0]
+    oy = R[1, 0] * p_imu_lidar[0] + R[1, 1] * p_imu_lidar[1] + R[1, 2] * p_imu_lidar[2] + p[1]
+    oz = R[2, 0] * p_imu_lidar[0] + R[2, 1] * p_imu_lidar[1] + R[2, 2] * p_imu_lidar[2] + p[2]
     for i in range(len(points)):
         residuals[i] = np.nan
         lx, ly, lz = points[i, 0], points[i, 1], points[i, 2]
@@ -189,10 +195,15 @@ def point_to_plane(
         dx, dy, dz = x - mean[c, 0], y - mean[c, 1], z - mean[c, 2]
         r = nx * dx + ny * dy + nz * dz
         # the plane is known best amid its points, and the less the farther beyond them
-        s, e = 0, 0.0
+        e = 0.0
         for s in range(2):
             e += (spread[c, s, 0] * dx + spread[c, s, 1] * dy + spread[c, s, 2] * dz) ** 2
-        white2 = variance[c] + range_variance
+        # a range errs along its ray, its direction across it
+        lidar_x, lidar_y, lidar_z = x - ox, y - oy, z - oz
+        range2 = lidar_x**2 + lidar_y**2 + lidar_z**2
+        along2 = (nx * lidar_x + ny * lidar_y + nz * lidar_z) ** 2
+        cos2 = along2 / max(range2, 1e-12)
+        white2 = variance[c] + range_variance * cos2 + beam_variance * (range2 - along2)
         plane2 = white2 * (1.0 + e) / count[c]
         sigma2 = white2 + plane2
         if r * r > gate * gate * sigma2:

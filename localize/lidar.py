@@ -29,6 +29,7 @@ class PointToPlane:
     points: Array
     voxels: VoxelMap
     range_variance: float
+    beam_variance: float
     gate: float
     correlation: float
     min_matches: int
@@ -37,7 +38,8 @@ class PointToPlane:
 
     def linearize(self, state: NavState) -> Information | None:
         A, b, B, residuals, sigmas, self.matched = self.voxels.point_to_plane(
-            self.points, inverse(state.T_odom_map) @ state.T_odom_imu, state.T_imu_lidar, range_variance=self.range_variance, gate=self.gate
+            self.points, inverse(state.T_odom_map) @ state.T_odom_imu, state.T_imu_lidar,
+            range_variance=self.range_variance, beam_variance=self.beam_variance, gate=self.gate,
         )
         if self.matched < self.min_matches:
             return None

@@ -20,6 +20,7 @@ from semmap.rig import Rig
 
 _TICK_NS = 100_000_000
 """Without a LiDAR poses come at this interval."""
+_BEAM_STD = 0.002
 _MAP_STEP_M, _MAP_TURN = 0.1, 0.05
 _GAP_NS = 50_000_000
 """A hole in the IMU's stamps longer than this is counted in ``gaps``; the rates are interpolated across it."""
@@ -214,7 +215,7 @@ class Odometry:
         assert self.rig.lidar is not None
         s = self.settings
         model = PointToPlane(
-            voxel_means(deskewed, s.scan_voxel), self.voxels, self.rig.lidar.range_std**2, s.gate, s.correlation,
+            voxel_means(deskewed, s.scan_voxel), self.voxels, self.rig.lidar.range_std**2, _BEAM_STD**2, s.gate, s.correlation,
             s.min_matches,
         )  # fmt: skip
         if len(self.voxels):

@@ -70,7 +70,7 @@ class VoxelMap:
         return self._mean[has], self._normal[has], self._variance[has]
 
     def point_to_plane(
-        self, points: Array, T_odom_imu: Array, T_imu_lidar: Array, *, range_variance: float, gate: float
+        self, points: Array, T_odom_imu: Array, T_imu_lidar: Array, *, range_variance: float, beam_variance: float, gate: float
     ) -> tuple[Array, Array, Array, Array, Array, int]:
         """A (12, 12), b (12,), residuals (n,), sigmas (n,) and the number of matches; see the kernel."""
         A, b, B = np.empty((12, 12)), np.empty(12), np.empty((12, 12))
@@ -80,7 +80,7 @@ class VoxelMap:
             np.ascontiguousarray(T_odom_imu[:3, :3]), np.ascontiguousarray(T_odom_imu[:3, 3]),
             np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3]),
             self.size, self._keys, self._cells, self._count, self._mean, self._normal, self._variance, self._spread,
-            range_variance, gate, A, b, B, residuals, sigmas,
+            range_variance, beam_variance, gate, A, b, B, residuals, sigmas,
         )  # fmt: skip
         return A, b, B, residuals, sigmas, matched
 
