@@ -181,14 +181,16 @@ def _shape_near(x, y, z, size, keys, cells, rows, mean):
 @njit(cache=True)
 def point_to_shape(
     points, R, p, R_imu_lidar, p_imu_lidar, size, keys, cells, count, mean, rows, axes, scale, variance,
-    range_variance, beam_variance, gate, A, b, B, residuals, sigmas,
+    range_variance, beam_variance, gate, mark, met, pulls, A, b, B, residuals, sigmas,
 ):  # fmt: skip
     """Sum A += HᵀH/σ², b -= Hᵀr/σ² of the residuals ``uᵀ(T p - mean)`` (paper 000 Eq. 14); returns how many matched.
 
     Across a plane there is one u, across an edge there are two (paper 002 Eq. 31). σ² is what one point errs by alone
-    and what the shape errs by, which every point on it shares; B += HᵀH σ_shape²/σ⁴ tells what the latter does.
+    and what the shape errs by, which every point on it shares: B is the covariance of b that comes from the shapes,
+    ``Σ (Σ hᵀ/σ²)(Σ h/σ²) σ_shape²``, the inner sums over the points of one shape.
     points (n, 3) in the lidar frame; R, p: the imu in the map; columns of H: rotation, position, lidar extrinsic
-    rotation and position. residuals, sigmas (n, 2) [m]: NaN where there is none.
+    rotation and position. residuals, sigmas (n, 2) [m]: NaN where there is none. mark (cells) must be 0 and pulls
+    (2 n, 14) and met (n,) are scratch.
     """
     A[:, :] = 0.0
     b[:] = 0.0
@@ -197,7 +199,7 @@ def point_to_shape(
     ox = R[0, 0] * p_imu_lidar[0] + R[0, 1] * p_imu_lidar[1] + R[0, 2] * p_imu_lidar[2] + p[0]
     oy = R[1, 0] * p_imu_lidar[0] + R[1, 1] * p_imu_lidar[1] + R[1, 2] * p_imu_lidar[2] + p[1]
     oz = R[2, 0] * p_imu_lidar[0] + R[2, 1] * p_imu_lidar[1] + R[2, 2] * p_imu_lidar[2] + p[2]
-    matched = 0
+    matched, shapes = 0, 0
     for i in range(len(points)):
         residuals[i] = np.nan
         sigmas[i] = np.nan
@@ -243,19 +245,35 @@ def point_to_shape(
             h[9], h[10], h[11] = mx, my, mz
             # Cauchy weight: a stone or a vehicle that was not there must not pull
             weight = 1.0 / (sigma2 * (1.0 + r * r / (4.0 * sigma2)))
-            shared = weight * shape2
+            if mark[c] == 0:
+                shapes += 1
+                mark[c] = shapes
+                met[shapes - 1] = c
+                pulls[2 * shapes - 2] = 0.0
+                pulls[2 * shapes - 1] = 0.0
+            pull = pulls[2 * (mark[c] - 1) + k]
             for row in range(12):
                 hw = h[row] * weight
                 b[row] -= hw * r
+                pull[row] += hw
                 for column in range(row, 12):
-                    hwh = hw * h[column]
-                    A[row, column] += hwh
-                    B[row, column] += hwh * shared
+                    A[row, column] += hw * h[column]
+            # by how much a shape is off where the points met it, in the mean weighted as they are
+            pull[12] += weight * shape2
+            pull[13] += weight
             residuals[i, k] = r
             sigmas[i, k] = np.sqrt(sigma2)
             used = True
         if used:
             matched += 1
+    for k in range(2 * shapes):
+        if pulls[k, 13] > 0.0:
+            shape2 = pulls[k, 12] / pulls[k, 13]
+            for row in range(12):
+                for column in range(row, 12):
+                    B[row, column] += pulls[k, row] * pulls[k, column] * shape2
+    for k in range(shapes):
+        mark[met[k]] = 0
     for row in range(12):
         for column in range(row):
             A[row, column] = A[column, row]

@@ -11,7 +11,7 @@ import numpy as np
 from localize.filter import Information
 from localize.state import LIDAR, MAP, POSITION, ROTATION, NavState
 from localize.voxel_map import RangeNoise, ShapeMatch, VoxelMap
-from semmap.geometry import Array, inverse
+from semmap.geometry import Array, inverse, skew
 
 _COLUMNS = np.r_[ROTATION, POSITION, LIDAR, MAP]
 _VAGUE = np.diag(np.repeat([0.05**-2, 0.5**-2], 3))
@@ -90,5 +90,6 @@ def _columns_of(state: NavState) -> Array:
     J[3:6, 3:6] = R_odom_map
     J[6:12, 6:12] = np.eye(6)
     J[12:15, :3] = -state.R
+    J[12:15, 3:6] = -skew(state.p - state.map_centre) @ R_odom_map
     J[15:18, 3:6] = -R_odom_map
     return J

@@ -35,7 +35,7 @@ class RangeNoise(NamedTuple):
 class ShapeMatch(NamedTuple):
     """Points against the shapes of a voxel map, by columns rotation, position, lidar extrinsic rotation and position.
 
-    A (12, 12), b (12,) : ``Σ HᵀH/σ²`` and ``-Σ Hᵀr/σ²``. B (12, 12) : ``Σ HᵀH σ_shape²/σ⁴``, of the shapes' own errors.
+    A (12, 12), b (12,) : ``Σ HᵀH/σ²`` and ``-Σ Hᵀr/σ²``. B (12, 12) : covariance of b from the shapes' own errors.
     residuals, sigmas : (n, 2) [m], one across a plane, two across an edge, NaN where there is none.
     matched : points that met a shape.
     """
@@ -140,7 +140,8 @@ class VoxelMap:
             np.ascontiguousarray(T_map_imu[:3, :3]), np.ascontiguousarray(T_map_imu[:3, 3]),
             np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3]),
             self.size, self._keys, self._cells, self._count, self._mean, self._rows, self._axes, self._scale,
-            self._variance, noise.along, noise.across, gate, A, b, B, residuals, sigmas,
+            self._variance, noise.along, noise.across, gate, self._added, np.empty(len(points), np.int64),
+            np.empty((2 * len(points), 14)), A, b, B, residuals, sigmas,
         )  # fmt: skip
         return ShapeMatch(A, b, B, residuals, sigmas, int(matched))
 
