@@ -45,6 +45,8 @@ class ScanToMap:
     correlation: float
     min_matches: int
     matched: int = field(default=0, init=False)
+    _at: NavState | None = field(default=None, init=False)
+    _met: list[ShapeMatch] = field(default_factory=list, init=False)
 
     def linearize(self, state: NavState) -> Information | None:
         matches = self._matches(state)
@@ -67,29 +69,38 @@ class ScanToMap:
         if self.matched < self.min_matches:
             return None
         J = np.zeros((6, 6))
-        J[:3, :3], J[3:, 3:] = state.R, state.T_odom_map[:3, :3]
-        A, B = sum(match.A[:6, :6] for match in matches), sum(match.B[:6, :6] for match in matches)
+        J[:3, :3] = J[3:, 3:] = state.R
+        A, B = sum(match.A for match in matches), sum(match.B for match in matches)
         G = J @ np.linalg.inv(A + _VAGUE)
         return np.asarray(G @ B @ G.T)
 
     def _matches(self, state: NavState) -> list[ShapeMatch]:
+        if state is self._at:
+            return self._met
+        self._at = state
         T_map_imu = inverse(state.T_odom_map) @ state.T_odom_imu
-        matches = [
+        self._met = [
             part.voxels.match(part.points, T_map_imu, state.T_imu_lidar, noise=self.noise, gate=self.gate)
             for part in self.parts
         ]
-        self.matched = sum(match.matched for match in matches)
-        return matches
+        self.matched = sum(match.matched for match in self._met)
+        return self._met
 
 
 def _columns_of(state: NavState) -> Array:
-    """(18, 12): what an error of the pose in the map does, an error of the map does the other way round."""
-    R_odom_map = state.T_odom_map[:3, :3]
-    J = np.zeros((18, 12))
+    """(18, 6) from the imu's own axes to the columns of the state.
+
+    A point is moved alike by the pose, by the LiDAR's place on the robot, and, the other way round, by the map.
+    """
+    R, T_imu_lidar = state.R, state.T_imu_lidar
+    R_lidar_imu = T_imu_lidar[:3, :3].T
+    J = np.zeros((18, 6))
     J[:3, :3] = np.eye(3)
-    J[3:6, 3:6] = R_odom_map
-    J[6:12, 6:12] = np.eye(6)
-    J[12:15, :3] = -state.R
-    J[12:15, 3:6] = -skew(state.p - state.map_centre) @ R_odom_map
-    J[15:18, 3:6] = -R_odom_map
+    J[3:6, 3:] = R
+    J[6:9, :3] = R_lidar_imu
+    J[6:9, 3:] = -R_lidar_imu @ skew(T_imu_lidar[:3, 3])
+    J[9:12, 3:] = np.eye(3)
+    J[12:15, :3] = -R
+    J[12:15, 3:] = -skew(state.p - state.map_centre) @ R
+    J[15:18, 3:] = -R
     return J

@@ -33,9 +33,9 @@ class RangeNoise(NamedTuple):
 
 
 class ShapeMatch(NamedTuple):
-    """Points against the shapes of a voxel map, by columns rotation, position, lidar extrinsic rotation and position.
+    """Points against the shapes of a voxel map, by rotation and position of the imu in its own axes.
 
-    A (12, 12), b (12,) : ``Σ HᵀH/σ²`` and ``-Σ Hᵀr/σ²``. B (12, 12) : covariance of b from the shapes' own errors.
+    A (6, 6), b (6,) : ``Σ HᵀH/σ²`` and ``-Σ Hᵀr/σ²``. B (6, 6) : covariance of b from the shapes' own errors.
     residuals, sigmas : (n, 2) [m], one across a plane, two across an edge, NaN where there is none.
     matched : points that met a shape.
     """
@@ -133,7 +133,7 @@ class VoxelMap:
         self, points: Array, T_map_imu: Array, T_imu_lidar: Array, *, noise: RangeNoise, gate: float
     ) -> ShapeMatch:
         """Points (n, 3) in the lidar frame against the shapes; residuals beyond ``gate`` sigmas are left out."""
-        A, b, B = np.empty((12, 12)), np.empty(12), np.empty((12, 12))
+        A, b, B = np.empty((6, 6)), np.empty(6), np.empty((6, 6))
         residuals, sigmas = np.empty((len(points), 2)), np.empty((len(points), 2))
         matched = point_to_shape(
             points,
@@ -141,7 +141,7 @@ class VoxelMap:
             np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3]),
             self.size, self._keys, self._cells, self._count, self._mean, self._rows, self._axes, self._scale,
             self._variance, noise.along, noise.across, gate, self._added, np.empty(len(points), np.int64),
-            np.empty((2 * len(points), 14)), A, b, B, residuals, sigmas,
+            np.empty((2 * len(points), 8)), A, b, B, residuals, sigmas,
         )  # fmt: skip
         return ShapeMatch(A, b, B, residuals, sigmas, int(matched))
 
