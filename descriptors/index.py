@@ -1,32 +1,38 @@
-"""All contours of a map side by side, to look one up."""
+"""All contours of a map side by side, to look one up: exactly, though of many only a few are scored."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
+from descriptors.bounds import Agreement, Bounds
+from descriptors.codes import Codes
 from descriptors.settings import ContourSettings
-from descriptors.similarity import (
-    Similarity,
-    Spectrum,
-    best_yaw,
-    completeness,
-    scores_by_yaw,
-    spectrum,
-    yaw_at,
-)
+from descriptors.similarity import Spectrum, completeness, scores_by_yaw, spectrum, yaw_at
 from semmap.geometry import Array
 from semmap.intersections import WallContour
+
+Rows = NDArray[np.int64]
+Turns = Callable[[Array], NDArray[np.bool_]]
+"""Picks from scores (k, sectors) by yaw those that are matches."""
 
 _YAW_SLACK_SECTORS = 2
 YAW_SLACK = 0.35
 """How far the yaw of a match may be from a known heading [rad]."""
 _APART = 0.5
 """Yaws closer than this are one [rad]."""
+_FIRST = 256
+"""The contours most promising from afar are scored first: what they reach rules most others out."""
+_AT_ONCE = 8
+"""Contours scored before those left are held against what was found."""
+_ABOVE_ZERO = float(np.finfo(np.float32).tiny)
+"""Less similar contours have nothing in common and are no match."""
+_BLOCK = 256
+"""Contours whose spectra are in memory at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,40 +58,43 @@ class Match:
 class ContourIndex:
     """Wall contours of a map, made with the same settings, ready for queries.
 
+    Answers are those of scoring every contour, to the last bit. Most are ruled out by upper bounds of their scores
+    instead (`descriptors.bounds`), for which the index keeps 190 bytes a contour of 120 sectors.
+
     Parameters
     ----------
-    contours : in the order of the map's intersections.
+    contours : in the order of the map's intersections, one by one or stacked; stacked ones are not copied.
     settings : those the contours were made with.
     """
 
-    def __init__(self, contours: Sequence[WallContour], settings: ContourSettings | None = None) -> None:
+    def __init__(self, contours: WallContour | Sequence[WallContour], settings: ContourSettings | None = None) -> None:
         self._settings = settings or ContourSettings()
-        self._contours = tuple(contours)
-        self._pwcv = _stacked([spectrum(contour, self._settings) for contour in contours])
+        self._contours = contours if isinstance(contours, WallContour) else WallContour.stacked(contours)
+        self._codes = Codes.of(self._contours, self._settings)
+        self._agreement = Agreement(self._settings)
 
     def __len__(self) -> int:
-        return len(self._contours)
+        return len(self._contours.pwcv)
 
     def similarities(self, query: WallContour) -> Array:
-        """PWCV similarity (n,) of the query to every contour, each at its best yaw."""
-        if not self._contours:
-            return np.zeros(0)
-        scores, _ = scores_by_yaw(spectrum(query, self._settings), self._pwcv)
-        return np.asarray(scores.max(axis=-1))
+        """PWCV similarity (n,) of the query to every contour, each at its best yaw; of m stacked queries (m, n)."""
+        of_query, queries = spectrum(query, self._settings), query.pwcv.shape[:-1]
+        best = np.zeros((*queries, len(self)))
+        for k in range(0, len(self), _BLOCK):
+            block = spectrum(self._contours.at(slice(k, k + _BLOCK)), self._settings)
+            for one in np.ndindex(queries):
+                scores, _ = scores_by_yaw(Spectrum(of_query.harmonics[one], of_query.observed[one]), block)
+                best[one][k : k + _BLOCK] = scores.max(axis=-1)
+        return best
 
     def best(self, query: WallContour, k: int, allowed: NDArray[np.bool_] | None = None) -> list[Match]:
         """The ``k`` contours whose PWCV is most similar to the query's, best first; ties by row.
 
+        Fewer than ``k`` where the similarity of the others is 0.
+
         allowed : (n,) bool, the rows to look at; all by default.
         """
-        rows = np.arange(len(self)) if allowed is None else np.flatnonzero(allowed)
-        if not len(rows) or k < 1:
-            return []
-        some = Spectrum(self._pwcv.harmonics[rows], self._pwcv.observed[rows])
-        scores, overlaps = scores_by_yaw(spectrum(query, self._settings), some)
-        order = np.argsort(-scores.max(axis=-1), kind="stable")[:k]
-        query_cwc = spectrum(query, self._settings, "cwc")
-        return [self._match(int(rows[i]), best_yaw(scores[i], overlaps[i]), query, query_cwc) for i in order]
+        return self._found(query, _best_turn, _Best(k, 0.0), np.ones(len(query.pwcv), np.bool_), allowed)
 
     def turned(
         self,
@@ -98,38 +107,107 @@ class ContourIndex:
     ) -> list[Match]:
         """Contours and the yaws at which the query is like them, best first: a symmetric crossing comes several times.
 
-        min_score : least PWCV similarity; at_most : matches returned.
+        min_score : least PWCV similarity; at_most : matches returned; ties by row, then by yaw from 0 up.
         allowed : (n,) bool, the rows to look at; all by default.
         yaw : only yaws within `YAW_SLACK` of this [rad], where the heading is known.
         """
+        off = 2.0 * np.pi * np.arange(len(query.pwcv)) / len(query.pwcv) - (yaw or 0.0)
+        yaws = (np.abs(np.angle(np.exp(1j * off))) < YAW_SLACK) | (yaw is None)
+        return self._found(query, _peaks, _Best(at_most, min_score), yaws, allowed)
+
+    def _found(
+        self, query: WallContour, turns: Turns, best: _Best, yaws: NDArray[np.bool_], allowed: NDArray[np.bool_] | None
+    ) -> list[Match]:
+        """The best matches at some of the ``yaws`` (sectors,)."""
         rows = np.arange(len(self)) if allowed is None else np.flatnonzero(allowed)
-        if not len(rows):
+        if not len(rows) or best.at_most < 1:
             return []
-        some = Spectrum(self._pwcv.harmonics[rows], self._pwcv.observed[rows])
-        scores, overlaps = scores_by_yaw(spectrum(query, self._settings), some)
-        sectors = scores.shape[-1]
-        if yaw is not None:
-            off = 2.0 * np.pi * np.arange(sectors) / sectors - yaw
-            scores = np.where(np.abs(np.angle(np.exp(1j * off))) < YAW_SLACK, scores, 0.0)
-        window = 2 * round(_APART * sectors / (2.0 * np.pi)) + 1
-        peak = (scores == maximum_filter1d(scores, window, axis=-1, mode="wrap")) & (scores >= min_score)
-        found = np.argwhere(peak)
-        order = np.argsort(-scores[peak], kind="stable")[:at_most]
-        query_cwc = spectrum(query, self._settings, "cwc")
-        return [
-            self._match(int(rows[i]), yaw_at(scores[i], overlaps[i], int(s)), query, query_cwc) for i, s in found[order]
-        ]
+        of_query = spectrum(query, self._settings)
+        bounds = Bounds(self._codes, self._agreement, query, self._settings, yaws)
+        for some in _promising(bounds, rows, best):
+            scores, overlaps = scores_by_yaw(of_query, spectrum(self._contours.at(some), self._settings))
+            scores = np.where(yaws, scores, 0.0)
+            best.add(some, scores, overlaps, turns(scores) & yaws)
+        return self._matches(query, best.found) if best.found else []
 
-    def _match(self, row: int, pwcv: Similarity, query: WallContour, query_cwc: Spectrum) -> Match:
-        contour = self._contours[row]
-        scores, _ = scores_by_yaw(query_cwc, spectrum(contour, self._settings, "cwc"))
-        turned = round(pwcv.yaw / (2.0 * np.pi) * len(scores))
-        near = np.arange(turned - _YAW_SLACK_SECTORS, turned + _YAW_SLACK_SECTORS + 1) % len(scores)
-        cwc = float(scores[near].max())
-        return Match(row, pwcv.yaw, pwcv.score, cwc, pwcv.overlap, completeness(query, contour))
+    def _matches(self, query: WallContour, found: list[_Turned]) -> list[Match]:
+        contours = self._contours.at(np.array([one.row for one in found]))
+        of_query, stored = spectrum(query, self._settings, "cwc"), spectrum(contours, self._settings, "cwc")
+        by_cwc, _ = scores_by_yaw(of_query, stored)
+        return [_match(one, by_cwc[k], completeness(query, contours.at(k))) for k, one in enumerate(found)]
 
 
-def _stacked(spectra: list[Spectrum]) -> Spectrum:
-    if not spectra:
-        return Spectrum(np.zeros((0, 1, 1, 1), np.complex64), np.zeros((0, 1, 1), np.complex64))
-    return Spectrum(np.stack([one.harmonics for one in spectra]), np.stack([one.observed for one in spectra]))
+def _match(one: _Turned, by_cwc: Array, complete: float) -> Match:
+    pwcv = yaw_at(one.scores, one.overlaps, one.turn)
+    turned = round(pwcv.yaw / (2.0 * np.pi) * len(by_cwc))
+    near = np.arange(turned - _YAW_SLACK_SECTORS, turned + _YAW_SLACK_SECTORS + 1) % len(by_cwc)
+    return Match(one.row, pwcv.yaw, pwcv.score, float(by_cwc[near].max()), pwcv.overlap, complete)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turned:
+    """A contour, by how many sectors the query is turned, and the scores and overlaps (sectors,) at every turn."""
+
+    row: int
+    turn: int
+    scores: Array
+    overlaps: Array
+
+    def __lt__(self, other: _Turned) -> bool:
+        """Whether it is the better match."""
+        return self._rank() < other._rank()
+
+    def _rank(self) -> tuple[float, int, int]:
+        return -float(self.scores[self.turn]), self.row, self.turn
+
+
+class _Best:
+    """The best matches found so far, in order, and ``least``: the score another one needs."""
+
+    def __init__(self, at_most: int, least: float) -> None:
+        self.at_most = at_most
+        self.least = max(least, _ABOVE_ZERO)
+        self.found: list[_Turned] = []
+
+    def add(self, rows: Rows, scores: Array, overlaps: Array, turns: NDArray[np.bool_]) -> None:
+        """Those of the scores (k, sectors) of some contours that ``turns`` marks."""
+        marked = np.argwhere(turns & (scores >= self.least))
+        found = [_Turned(int(rows[k]), int(turn), scores[k], overlaps[k]) for k, turn in marked]
+        self.found = sorted(self.found + found)[: self.at_most]
+        if len(self.found) == self.at_most:
+            last = self.found[-1]
+            self.least = float(last.scores[last.turn])
+
+
+def _promising(bounds: Bounds, rows: Rows, best: _Best) -> Iterator[Rows]:
+    """Contours that may be among the best, a few at a time, until by what was found meanwhile no other may."""
+    if len(rows) > _FIRST:
+        most = bounds.by_pattern(rows)
+        order = np.argpartition(-most, _FIRST)
+        yield from _ranked(bounds, rows[order[:_FIRST]], best)
+        others = order[_FIRST:]
+        rows = rows[others[most[others] >= best.least]]
+    yield from _ranked(bounds, rows, best)
+
+
+def _ranked(bounds: Bounds, rows: Rows, best: _Best) -> Iterator[Rows]:
+    rows = rows[bounds.by_sector(rows) >= best.least]
+    most = bounds.by_overlap(rows)
+    order = np.argsort(-most)
+    for k in range(0, len(order), _AT_ONCE):
+        some = order[k : k + _AT_ONCE]
+        some = some[most[some] >= best.least]
+        if not len(some):
+            return
+        yield rows[some]
+
+
+def _best_turn(scores: Array) -> NDArray[np.bool_]:
+    """The first of the highest scores of each contour."""
+    return np.asarray(np.arange(scores.shape[1]) == scores.argmax(axis=1)[:, None])
+
+
+def _peaks(scores: Array) -> NDArray[np.bool_]:
+    """Scores that none within `_APART` is above."""
+    window = 2 * round(_APART * scores.shape[1] / (2.0 * np.pi)) + 1
+    return np.asarray(scores == maximum_filter1d(scores, window, axis=1, mode="wrap"))

@@ -20,8 +20,6 @@ from semmap.intersections import WallContour
 
 Descriptor = Literal["pwcv", "cwc"]
 
-_OVERLAP_POWER = 0.25
-
 
 @dataclass(frozen=True, slots=True)
 class Similarity:
@@ -69,35 +67,54 @@ class Spectrum:
 
 
 def spectrum(contour: WallContour, settings: ContourSettings, by: Descriptor = "pwcv") -> Spectrum:
-    """Spectrum of one contour; the PWCV is taken as a CWC of one layer."""
+    """Spectrum of one contour, or of stacked ones; the PWCV is taken as a CWC of one layer."""
     if by == "pwcv":
-        distance, observed = contour.pwcv[None], contour.pwcv_observed[None]
+        distance, observed = contour.pwcv[..., None, :], contour.pwcv_observed[..., None, :]
     else:
         distance, observed = contour.cwc, contour.cwc_observed
-    phase = np.pi * np.where(distance > 0.0, np.minimum(distance / settings.radius, 1.0), 1.0)
-    wave, amplitude = _waves(settings.tolerance / settings.radius)
-    harmonics = amplitude[:, None] * np.exp(1j * wave[:, None] * phase[:, None, :]) * observed[:, None, :]
+    amplitude = np.sqrt(kernel_power(settings))
+    harmonics = np.empty((*distance.shape[:-1], len(amplitude), distance.shape[-1]), np.complex128)
+    turn = np.exp(1j * np.pi * relative_distance(distance, settings))
+    harmonics[..., 0, :] = observed
+    for wave in range(1, len(amplitude)):
+        np.multiply(harmonics[..., wave - 1, :], turn, out=harmonics[..., wave, :])
+    harmonics *= amplitude[:, None]
     return Spectrum(
         np.fft.fft(harmonics).astype(np.complex64), np.fft.fft(observed.astype(np.float64)).astype(np.complex64)
     )
 
 
-def _waves(sigma: float) -> tuple[Array, Array]:
-    """Wave numbers (k,) and amplitudes (k,) with ``Σ amplitude² cos(π wave Δ) = exp(-Δ² / 2σ²)`` for |Δ| <= 1."""
+def relative_distance(distance: NDArray[np.float32], settings: ContourSettings) -> Array:
+    """Wall distances of contours, in radii; an open sector counts as a wall at the radius."""
+    relative = np.minimum(distance.astype(np.float64) / settings.radius, 1.0)
+    return np.where(distance > 0.0, relative, 1.0)
+
+
+def kernel_power(settings: ContourSettings) -> Array:
+    """Powers (k,) of the waves of which the agreement of two sectors is made, 1 in sum.
+
+    ``Σ power cos(π wave Δ) = exp(-Δ² / 2σ²)`` for distances that differ by Δ <= 1, all in radii, but for the shortest
+    waves, which are left out.
+    """
+    sigma = settings.tolerance / settings.radius
     wave = np.arange(int(np.ceil(3.0 / (np.pi * sigma))) + 1)
     power = np.exp(-0.5 * (np.pi * wave * sigma) ** 2)
     power[1:] *= 2.0
-    return wave.astype(np.float64), np.sqrt(power / power.sum())
+    return np.asarray(power / power.sum())
 
 
 def scores_by_yaw(a: Spectrum, b: Spectrum) -> tuple[Array, Array]:
-    """Scores and overlaps (..., sectors) of a turned by 0, 1, 2 … sectors against b; leading dimensions broadcast."""
+    """Scores and overlaps (..., sectors) of a turned by 0, 1, 2 … sectors against b; leading dimensions broadcast.
+
+    The score is the mean agreement of the sectors both observed times the fourth root of the overlap. What comes out
+    for two contours is the same to the last bit whatever is stacked beside them.
+    """
     agreement = np.fft.ifft(np.einsum("...lks,...lks->...s", np.conj(a.harmonics), b.harmonics)).real
     both = np.fft.ifft(np.einsum("...ls,...ls->...s", np.conj(a.observed), b.observed)).real.round()
     either = (a.observed[..., 0].real.sum(-1) + b.observed[..., 0].real.sum(-1)).round()[..., None] - both
     mean = np.clip(agreement / np.maximum(both, 1.0), 0.0, 1.0)
     overlap = both / np.maximum(either, 1.0)
-    return mean * overlap**_OVERLAP_POWER, overlap
+    return mean * np.sqrt(np.sqrt(overlap)), overlap
 
 
 def best_yaw(scores: Array, overlaps: Array) -> Similarity:

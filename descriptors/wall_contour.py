@@ -38,14 +38,15 @@ def wall_contour(surface: Array, distance: Array, at_wall: NDArray[np.bool_], se
 def _pwcv(
     distance: Array, at_wall: NDArray[np.bool_], settings: ContourSettings
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Mean wall distance of the rays of each sector, 0 where most are open; observed where most rays tell."""
+    """Mean wall distance of the rays of each sector, 0 where most are open or unseen; observed where most rays tell."""
     wall = at_wall.reshape(settings.sectors, RAYS_PER_SECTOR)
     opened = (~at_wall & (distance >= settings.radius)).reshape(wall.shape)
     walls, opens = wall.sum(axis=1), opened.sum(axis=1)
     total = np.where(wall, distance.reshape(wall.shape), 0.0).sum(axis=1)
-    is_wall = (walls > 0) & (walls >= opens)
+    observed = 2 * (walls + opens) > RAYS_PER_SECTOR
+    is_wall = observed & (walls >= opens)
     pwcv = np.where(is_wall, total / np.maximum(walls, 1), 0.0).astype(np.float32)
-    return pwcv, 2 * (walls + opens) > RAYS_PER_SECTOR
+    return pwcv, observed
 
 
 def _cwc(

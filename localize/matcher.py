@@ -12,9 +12,9 @@ from localize.keyframes import Keyframe, Stack
 from localize.results import Event
 from localize.settings import LocalizeSettings
 from localize.verification import Verification, Verifier
-from maps.free_space import View
 from maps.observe import ObservedIntersection, observe_intersections
 from maps.settings import MapSettings
+from maps.views import View
 from semmap.errors import DatabaseError
 from semmap.geometry import Array, adjoint, inverse, rotation_angle, se3, transform, yaw_of
 from semmap.intersections import SemanticMap
@@ -86,9 +86,10 @@ class IntersectionMatcher:
         self.settings = settings
         self._origin = origin
         self._intersections = semantic_map.intersections
-        self._p_map = np.array([i.p_map - origin for i in self._intersections]).reshape(-1, 3)
+        self._ids = semantic_map.columns.id
+        self._p_map = semantic_map.p_map - origin
         self._map_settings = validate(MapSettings, dict(semantic_map.settings), file=None, error=DatabaseError)
-        self._index = ContourIndex([i.contour for i in self._intersections], self._map_settings.contour)
+        self._index = ContourIndex(semantic_map.contours, self._map_settings.contour)
         self._verifier = Verifier(settings.verification)
         self._sights: list[_Sight] = []
         self._unconfirmed: deque[tuple[Array, Pin]] = deque(maxlen=20)
@@ -210,7 +211,7 @@ class IntersectionMatcher:
         return Pin(keyframe.index, self._id(best), T_map_imu, T_map_odom, covariance, verification.fit)
 
     def _id(self, match: Match) -> int:
-        return self._intersections[match.row].id
+        return int(self._ids[match.row])
 
     def _accept(
         self, pin: Pin, keyframe: Keyframe, T_map_odom: Array | None, position_std: float

@@ -1,4 +1,4 @@
-"""Kernel that thins a raster to lines. Caller: `maps.skeleton`."""
+"""Kernels that thin the floor to lines and follow them. Caller: `maps.skeleton`."""
 
 from __future__ import annotations
 
@@ -6,30 +6,62 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-_DI = np.array([0, -1, -1, -1, 0, 1, 1, 1])
-_DJ = np.array([1, 1, 0, -1, -1, -1, 0, 1])
+
+@numba.njit(cache=True)
+def thin(kept: NDArray[np.bool_], neighbours: NDArray[np.int32], order: NDArray[np.int64]) -> None:
+    """Clear cells of ``kept`` (n,) in the given order unless that would cut a line, join two holes or shorten an end.
+
+    neighbours : (n, 8) row of the cell next door in each direction, counter-clockwise, the first across a side;
+        negative where there is none.
+    A cell may go if Yokoi's connectivity number of its eight neighbours is 1.
+    """
+    gone = np.zeros(9, dtype=np.int64)
+    for row in order:
+        count = 0
+        for k in range(8):
+            other = neighbours[row, k]
+            gone[k] = 0 if other >= 0 and kept[other] else 1
+            count += 1 - gone[k]
+        if count < 2:
+            continue
+        gone[8] = gone[0]
+        number = 0
+        for k in range(0, 8, 2):
+            number += gone[k] - gone[k] * gone[k + 1] * gone[k + 2]
+        if number == 1:
+            kept[row] = False
 
 
 @numba.njit(cache=True)
-def thin(mask: NDArray[np.bool_], order: NDArray[np.int64]) -> None:
-    """Clear the cells of ``mask`` in the given order unless that would cut a line, join two holes or shorten an end.
+def trace(
+    links: NDArray[np.int32], owner: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Follow every line of a skeleton from a node to the next one.
 
-    ``mask`` (nx, ny) is written to and must be False along its border; ``order`` holds flat cell numbers.
-    A cell may go if Yokoi's connectivity number of its eight neighbours is 1.
+    links : (m, 8) the neighbours of each cell in the skeleton, negative where there is none.
+    owner : (m,) number of the node a cell belongs to; -1 of a cell on a line, which has just two neighbours.
+    Gives for each line its two nodes (e, 2), where its cells end (e,), and the cells of all lines one after the other.
     """
-    ny = mask.shape[1]
-    around = np.zeros(9, dtype=np.int64)
-    for cell in order:
-        i, j = cell // ny, cell % ny
-        count = 0
-        for k in range(8):
-            around[k] = 0 if mask[i + _DI[k], j + _DJ[k]] else 1
-            count += 1 - around[k]
-        if count < 2:
+    m = links.shape[0]
+    ends, stops, cells = np.empty((m, 2), np.int64), np.empty(m, np.int64), np.empty(m, np.int64)
+    followed = np.zeros(m, np.bool_)
+    lines, filled = 0, 0
+    for start in range(m):
+        if owner[start] < 0:
             continue
-        around[8] = around[0]
-        number = 0
-        for k in range(0, 8, 2):
-            number += around[k] - around[k] * around[k + 1] * around[k + 2]
-        if number == 1:
-            mask[i, j] = False
+        for k in range(8):
+            before, here = start, links[start, k]
+            if here < 0 or owner[here] >= 0 or followed[here]:
+                continue
+            while owner[here] < 0:
+                followed[here] = True
+                cells[filled] = here
+                filled += 1
+                ahead = here
+                for d in range(8):
+                    if links[here, d] >= 0 and links[here, d] != before:
+                        ahead = links[here, d]
+                before, here = here, ahead
+            ends[lines, 0], ends[lines, 1], stops[lines] = owner[start], owner[here], filled
+            lines += 1
+    return ends[:lines], stops[:lines], cells[:filled]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maps.free_space import FreeSpace
 from maps.roadways import Roadway
@@ -13,6 +12,7 @@ from semmap.geometry import Array
 
 _STEP_M = 0.4
 _LOOK_M = 10.0
+_SMOOTH = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,28 +30,26 @@ class Branch:
 
 
 def branch_of(road: Roadway, p: Array, space: FreeSpace, axis_length: float) -> Branch:
-    """The branch that ``road`` makes at the invariant point ``p`` (2,).
+    """The branch that ``road`` makes at the invariant point ``p`` (3,).
 
     The bearing goes from the point to the middle of, and the width is the median over, the ``axis_length``
     of centre line that begins where the roadway has left the intersection: one and a half times as far from the point
     as the walls are.
     """
     walked, line = road.resampled(_STEP_M)
-    away = np.linalg.norm(line - p, axis=1)
-    start = 1.5 * max(space.clearance_at(p), 1.0)
-    piece = (away >= min(start, away.max())) & (away <= start + axis_length)
-    piece = piece if piece.any() else away >= away.max()
-    aim = line[piece].mean(axis=0) - p
+    away = np.linalg.norm((line - p)[:, :2], axis=1)
+    first = int(np.argmax(away >= min(1.5 * max(space.clearance_at(p), 1.0), away.max())))
+    last = max(int(np.searchsorted(walked, walked[first] + axis_length)), first + 1)
+    aim = line[first:last].mean(axis=0) - p
     bearing = float(np.arctan2(aim[1], aim[0]) % (2.0 * np.pi))
-    return Branch(bearing, _width(line, piece, space), float(walked[-1]))
+    return Branch(bearing, float(np.median(widths(line[first:last], space))), float(walked[-1]))
 
 
-def _width(line: Array, piece: NDArray[np.bool_], space: FreeSpace) -> float:
-    """Median distance between the walls left and right of the axis [m]."""
-    smooth = 4
-    ahead, behind = np.roll(line, -smooth, axis=0), np.roll(line, smooth, axis=0)
-    ahead[-smooth:], behind[:smooth] = line[-1], line[0]
-    heading = np.arctan2(*(ahead - behind)[piece].T[::-1])
-    left = space.sight(line[piece], heading + np.pi / 2, _LOOK_M).distance
-    right = space.sight(line[piece], heading - np.pi / 2, _LOOK_M).distance
-    return float(np.median(left + right))
+def widths(line: Array, space: FreeSpace) -> Array:
+    """Distance (k,) between the walls left and right of each point of an axis (k, 3) on the floor [m]."""
+    k = np.arange(len(line))
+    along = line[np.minimum(k + _SMOOTH, len(line) - 1)] - line[np.maximum(k - _SMOOTH, 0)]
+    heading = np.arctan2(along[:, 1], along[:, 0])
+    left = space.sight(line, heading + np.pi / 2, _LOOK_M).distance
+    right = space.sight(line, heading - np.pi / 2, _LOOK_M).distance
+    return np.asarray(left + right)

@@ -1,4 +1,4 @@
-"""Sharp corners of single roadways: the intersections of kind L."""
+"""Sharp corners of single roadways: intersections of kind L, and the slighter bends of the roadway graph."""
 
 from __future__ import annotations
 
@@ -17,19 +17,21 @@ _STEP_M = 0.5
 class Corner:
     """A sharp corner of a roadway.
 
-    p : (2,) where its two straight legs meet [m].
+    p : (3,) where the axes of its two legs meet [m].
     at : length of the roadway's axis up to where it is nearest to the corner [m].
+    turn : angle between the legs [rad], 0 for straight on.
     """
 
     p: Array
     at: float
+    turn: float
 
 
-def corner_of(road: Roadway, settings: TopologySettings) -> Corner | None:
-    """The sharpest corner of a roadway; None where it has none.
+def corner_of(road: Roadway, turn_deg: float, settings: TopologySettings) -> Corner | None:
+    """The sharpest corner of a roadway that turns by ``turn_deg`` and more; None where it has none.
 
-    A corner turns by the angle of the settings or more between two legs, each at least as long as a branch axis and
-    one and a half times as long as the roadway is wide, that lie on either side of the bend and off the ends.
+    The turn is that between two legs, each at least as long as a branch axis and one and a half times as long as the
+    roadway is wide, that lie on either side of the bend and off the ends.
     """
     half_width = float(np.median(road.clearance))
     bend, leg = 1.5 * half_width, max(settings.axis_length, 3.0 * half_width)
@@ -39,17 +41,33 @@ def corner_of(road: Roadway, settings: TopologySettings) -> Corner | None:
     end = len(line) - far - round(1.5 * road.clearance[-1] / _STEP_M)
     if start >= end or half_width > settings.max_half_width:
         return None
-    at = np.arange(start, end)
-    turns = _angle(line[at - near] - line[at - far], line[at + far] - line[at + near])
+    at, plan = np.arange(start, end), line[:, :2]
+    turns = _angle(plan[at - near] - plan[at - far], plan[at + far] - plan[at + near])
     sharpest = int(np.argmax(turns))
-    if turns[sharpest] < np.radians(settings.corner_deg):
+    if turns[sharpest] < np.radians(turn_deg):
         return None
     middle = int(at[sharpest])
-    before, after = line[middle - far : middle - near + 1], line[middle + near : middle + far + 1]
-    meeting = _meeting(before, after)
-    p = meeting if np.linalg.norm(meeting - line[middle]) < 2.0 * bend else line[middle]
-    nearest = middle - far + int(np.argmin(np.linalg.norm(line[middle - far : middle + far + 1] - p, axis=1)))
-    return Corner(p, float(walked[nearest]))
+    meeting = _meeting(plan[middle - far : middle - near + 1], plan[middle + near : middle + far + 1])
+    if np.linalg.norm(meeting - plan[middle]) > 2.0 * bend:
+        meeting = plan[middle]
+    nearest = middle - far + int(np.argmin(np.linalg.norm(plan[middle - far : middle + far + 1] - meeting, axis=1)))
+    inward = _unit(plan[middle + far] - plan[middle + near]) - _unit(plan[middle - near] - plan[middle - far])
+    outer = plan[nearest] - half_width * _cut_short(turns[sharpest]) * _unit(inward)
+    return Corner(np.append(outer, line[nearest, 2]), float(walked[nearest]), float(turns[sharpest]))
+
+
+def _cut_short(turn: float) -> float:
+    """How far inside of where the axes of the legs meet a medial axis takes a corner, in half widths of the legs.
+
+    The circle that touches both outer walls and the inner edge has its centre there. Counted from it, the corner stays
+    where it is in views that show one wall of a leg, where the lines that fit the legs swing; and on the floor.
+    """
+    half = np.cos(0.5 * turn)
+    return float(min((1.0 / max(half, 0.1) - 1.0) / (1.0 + half), 1.0))
+
+
+def _unit(v: Array) -> Array:
+    return np.asarray(v / max(float(np.linalg.norm(v)), 1e-9))
 
 
 def _angle(a: Array, b: Array) -> Array:

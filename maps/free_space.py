@@ -1,42 +1,25 @@
-"""Free space in plan view: where a robot can be, what bounds it, and what was not seen.
+"""Free space: the floor a robot can be over, on as many levels as there are, and what bounds it.
 
-One raster type for a dense map and for a few stacked keyframes, so that everything behind it is one piece of code.
+One type for a whole mine and for a few stacked keyframes, so that everything behind it is one piece of code. The floor
+is a surface of square cells that know their neighbours: a ramp that passes over a drift, a spiral decline and stacked
+levels are cells with the same plan position and different neighbours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from maps._numba_rays import FREE, UNKNOWN, WALL, march, mark_seen
-from maps.grid import Grid, Points
-from maps.ground import Ground, ground_of
-from maps.settings import FreeSpaceSettings
-from semmap.errors import CloudError
+from maps import _numba_rays as raster
+from maps._numba_floor import DI, DJ, UNKNOWN, WALL, find_cells, nearest_edges, reached, walk_rays
 from semmap.geometry import Array
 
-_CROSS = ndimage.generate_binary_structure(2, 1)
 _EIGHT = ndimage.generate_binary_structure(2, 2)
-_RAYS = 720
-_BINS = 360
-_THIN, _THIN_M = 0.8, 1.0
-"""Floor is thinly sampled where fewer than this share of its cells, averaged over some metres, hold a point."""
-
-
-@dataclass(frozen=True, slots=True)
-class View:
-    """One deskewed keyframe cloud.
-
-    points : (n, 3) [m] in a gravity-aligned frame, z up, the same for all views that are stacked.
-    p_sensor : (3,) where the LiDAR was in that frame [m].
-    """
-
-    points: Points
-    p_sensor: Array
+_LEVEL_M = 1.5
+"""A point is on a level whose floor is at most this far above or below it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,120 +36,113 @@ class Sight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeSpace:
-    """Plan view of a mine, or of the part of it that stacked keyframes saw.
+    """The floor of a mine, or of the part of it that stacked keyframes saw, as cells.
 
-    grid : where the raster lies.
-    cells : (nx, ny) uint8, ``FREE`` roadway, ``WALL``, or ``UNKNOWN``.
-    clearance : (nx, ny) distance from each free cell to the nearest one that is not free [m].
-    ground : floor height.
+    cell : side of a cell [m].
+    corner : (2,) float64, lower corner of cell (0, 0) [m].
+    ij : (n, 2) int32, plan position of each cell; rows are sorted by i, j and height.
+    height : (n,) float32, of the floor [m].
+    headroom : (n,) float32, from floor to roof [m]; infinite where no roof was seen.
+    neighbours : (n, 8) int32, row of the cell next door in the directions ``DI``, ``DJ``; ``WALL`` where there is a
+        wall or nothing but a wall beside, ``UNKNOWN`` where it was not seen how the floor goes on. Mutual.
+    clearance : (n,) float32, distance from cell centre to centre to the nearest cell that is not free, measured
+        along the surface [m].
     """
 
-    grid: Grid
-    cells: NDArray[np.uint8]
-    clearance: Array
-    ground: Ground
+    cell: float
+    corner: Array
+    ij: NDArray[np.int32]
+    height: NDArray[np.float32]
+    headroom: NDArray[np.float32]
+    neighbours: NDArray[np.int32]
+    clearance: NDArray[np.float32]
 
-    @property
-    def free(self) -> NDArray[np.bool_]:
-        """Roadway, (nx, ny)."""
-        return np.asarray(self.cells == FREE)
+    @classmethod
+    def of_cells(
+        cls,
+        cell: float,
+        corner: ArrayLike,
+        ij: NDArray[np.int32],
+        height: NDArray[np.float32],
+        headroom: NDArray[np.float32],
+        neighbours: NDArray[np.int32],
+    ) -> FreeSpace:
+        """Cells sorted by i, j and height, with their clearance."""
+        to_edge = np.empty((len(ij), 2), np.int16)
+        nearest_edges(neighbours, to_edge)
+        clearance = np.hypot(to_edge[:, 0], to_edge[:, 1], dtype=np.float32) * np.float32(cell)
+        return cls(float(cell), np.asarray(corner, np.float64), ij, height, headroom, neighbours, clearance)
+
+    @classmethod
+    def from_raster(cls, cells: NDArray[np.uint8], height: Array, *, cell: float, corner: ArrayLike) -> FreeSpace:
+        """One level without a roof, from rasters (nx, ny): cells FREE, WALL or UNKNOWN of `maps._numba_rays`, height.
+
+        corner : (2,) lower corner of the raster [m]. Outside of it everything is unknown.
+        """
+        wall = ndimage.binary_dilation(cells == raster.WALL, _EIGHT)
+        free = cells == raster.FREE
+        rows = np.pad(np.where(wall, np.int32(WALL), np.int32(UNKNOWN)), 1, constant_values=UNKNOWN)
+        ij = np.argwhere(free)
+        rows[1:-1, 1:-1][free] = np.arange(len(ij), dtype=np.int32)
+        around = (ij[:, 0, None] + 1 + DI) * rows.shape[1] + ij[:, 1, None] + 1 + DJ
+        return cls.of_cells(
+            cell,
+            corner,
+            ij.astype(np.int32),
+            height[free].astype(np.float32),
+            np.full(len(ij), np.inf, np.float32),
+            rows.ravel()[around],
+        )
+
+    def __len__(self) -> int:
+        return len(self.ij)
+
+    def centres(self, rows: NDArray[np.integer]) -> Array:
+        """Middles (k, 3) of cells on the floor [m]."""
+        plan = self.corner + (self.ij[rows] + 0.5) * self.cell
+        return np.column_stack([plan, self.height[rows]])
+
+    def find(self, p: Array) -> NDArray[np.int64]:
+        """Rows (m,) of the cells that points (m, 3) are in, nearest in height; -1 off the floor and far above it."""
+        p = np.asarray(p, dtype=np.float64).reshape(-1, 3)
+        rows = np.empty(len(p), np.int64)
+        at = np.floor(self._in_cells(p)).astype(np.int64)
+        find_cells(self.ij, self.height, at, np.ascontiguousarray(p[:, 2]), _LEVEL_M, rows)
+        return rows
+
+    def around(self, p: Array, radius: float) -> NDArray[np.int64]:
+        """Rows (k,), ascending, within ``radius`` [m] of ``p`` (3,) in plan, reached from its cell over such cells.
+
+        None where ``p`` is not on the floor.
+        """
+        start = int(self.find(p)[0])
+        if start < 0:
+            return np.zeros(0, np.int64)
+        x, y = self._in_cells(np.reshape(p, (1, 3)))[0]
+        return np.asarray(reached(self.ij, self.neighbours, start, x, y, radius / self.cell))
 
     def clearance_at(self, p: Array) -> float:
-        """Distance [m] from a point (2,) to the nearest cell that is not free."""
-        return float(self.grid.sample(self.clearance, p[None])[0])
+        """Distance [m] from a point (3,) on the floor to the nearest cell that is not free, linear between cells."""
+        low = np.floor(self._in_cells(np.reshape(p, (1, 3)))[0] - 0.5)
+        share = self._in_cells(np.reshape(p, (1, 3)))[0] - 0.5 - low
+        corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+        plan = self.corner + (low + corners + 0.5) * self.cell
+        rows = self.find(np.column_stack([plan, np.full(4, np.ravel(p)[2])]))
+        weight = np.abs(1 - corners - share).prod(axis=1)
+        return float(weight @ np.where(rows >= 0, self.clearance[rows], 0.0))
 
-    def frontier(self) -> NDArray[np.bool_]:
-        """Cells (nx, ny) beside free space and away from walls: there it was not seen how the roadway goes on."""
-        beside = ndimage.binary_dilation(self.free, _EIGHT) & (self.cells == UNKNOWN)
-        return np.asarray(beside & ~ndimage.binary_dilation(self.cells == WALL, _EIGHT))
-
-    def sight(self, xy: Array, angle: Array, limit: float) -> Sight:
-        """Look from points (n, 2) along angles (n,) [rad], up to ``limit`` [m]."""
-        x, y = ((np.asarray(xy, dtype=np.float64) - (self.grid.x0, self.grid.y0)) / self.grid.cell).T.copy()
+    def sight(self, p: Array, angle: Array, limit: float) -> Sight:
+        """Look from points (n, 3) on the floor along angles (n,) [rad], up to ``limit`` [m]."""
+        x, y = self._in_cells(np.asarray(p, dtype=np.float64)).T.copy()
         distance, at_wall = np.empty(len(x)), np.empty(len(x), dtype=bool)
         angle = np.ascontiguousarray(angle, dtype=np.float64)
-        march(self.cells, x, y, angle, limit / self.grid.cell, distance, at_wall)
-        return Sight(distance * self.grid.cell, at_wall)
+        walk_rays(self.ij, self.neighbours, self.find(p), x, y, angle, limit / self.cell, distance, at_wall)
+        return Sight(distance * self.cell, at_wall)
 
+    def frontier(self) -> NDArray[np.bool_]:
+        """Cells (n,) beyond which, away from walls, it was not seen how the roadway goes on."""
+        return np.asarray((self.neighbours == UNKNOWN).any(axis=1))
 
-def split_ground_and_walls(points: Points, settings: FreeSpaceSettings) -> FreeSpace:
-    """Free space of a dense cloud (n, 3), z up: floor that has head-room. Raises `CloudError` without a floor."""
-    ground = ground_of(points, settings)
-    grid = _fine_grid(ground.grid, settings)
-    height = points[:, 2] - ground.at(points[:, :2])
-    wall = grid.count(points[_in_band(height, settings), :2]) > 0
-    floor = grid.count(points[np.abs(height) < settings.wall_from, :2]) > 0
-    return _free_space(_closed(floor, settings) & ~wall, wall, grid, ground, settings)
-
-
-def free_space_of_views(views: Sequence[View], settings: FreeSpaceSettings) -> FreeSpace:
-    """Free space that the views saw together: the union of what is in sight of each.
-
-    Raises `CloudError` where they show no floor.
-    """
-    points = np.concatenate([view.points for view in views]) if views else np.zeros((0, 3))
-    owner = np.repeat(np.arange(len(views)), [len(view.points) for view in views])
-    delta = points - np.array([view.p_sensor for view in views]).reshape(-1, 3)[owner]
-    away = np.hypot(delta[:, 0], delta[:, 1])
-    near = away < settings.view_range
-    if not near.any():
-        raise CloudError("shows nothing near the sensor", field="views")
-    ground = ground_of(points[near & _may_be_floor(delta, away)], settings, around=points[near])
-    grid = _fine_grid(ground.grid, settings)
-    height = points[near, 2] - ground.at(points[near, :2])
-    wall = grid.count(points[near][_in_band(height, settings), :2]) > 0
-    free = np.zeros(grid.shape, dtype=bool)
-    for view, reach in zip(views, _reach(delta, away, owner, len(views)), strict=True):
-        x, y = (view.p_sensor[:2] - (grid.x0, grid.y0)) / grid.cell
-        mark_seen(free, wall, x, y, np.minimum(reach, settings.view_range) / grid.cell)
-    return _free_space(free & ~wall, wall, grid, ground, settings)
-
-
-def _closed(floor: NDArray[np.bool_], settings: FreeSpaceSettings) -> NDArray[np.bool_]:
-    """Floor without the holes that the sampling left: small ones, and wide ones where the floor is thinly sampled."""
-    little, wide = (
-        ndimage.binary_closing(floor, _CROSS, iterations=round(0.5 * gap / settings.cell))
-        for gap in (settings.max_gap, settings.max_gap_sparse)
-    )
-    sigma = _THIN_M / settings.cell
-    covered = ndimage.gaussian_filter(floor.astype(np.float32), sigma, truncate=2.0)
-    all_of_it = ndimage.gaussian_filter(wide.astype(np.float32), sigma, truncate=2.0)
-    return np.asarray(np.where(covered < _THIN * all_of_it, wide, little))
-
-
-def _fine_grid(ground: Grid, settings: FreeSpaceSettings) -> Grid:
-    """The floor's grid in finer cells."""
-    factor = max(1, round(ground.cell / settings.cell))
-    return Grid(ground.x0, ground.y0, ground.cell / factor, (ground.shape[0] * factor, ground.shape[1] * factor))
-
-
-def _in_band(height: Array, settings: FreeSpaceSettings) -> NDArray[np.bool_]:
-    return np.asarray((height > settings.wall_from) & (height < settings.wall_to))
-
-
-def _may_be_floor(delta: Array, away: Array) -> NDArray[np.bool_]:
-    """Points below their sensor by more than any roadway climbs on the way to them: (n,) bool."""
-    return np.asarray(-delta[:, 2] > 0.3 - 0.3 * away)
-
-
-def _reach(delta: Array, away: Array, owner: NDArray[np.int64], views: int) -> Array:
-    """Longest horizontal distance (views, rays) [m] seen in each direction; 0 where nothing came back."""
-    turn = np.arctan2(delta[:, 1], delta[:, 0]) / (2.0 * np.pi)
-    bins = np.floor(turn * _BINS).astype(np.int64) % _BINS
-    longest = np.zeros(views * _BINS)
-    np.maximum.at(longest, owner * _BINS + bins, away)
-    return np.repeat(longest.reshape(views, _BINS), _RAYS // _BINS, axis=1)
-
-
-def _free_space(
-    free: NDArray[np.bool_], wall: NDArray[np.bool_], grid: Grid, ground: Ground, settings: FreeSpaceSettings
-) -> FreeSpace:
-    """Free space without slivers, and without obstacles in it that are smaller than a pillar."""
-    free = ndimage.binary_opening(free, _EIGHT)
-    labels, count = ndimage.label(~free)
-    area = np.bincount(labels.ravel(), minlength=count + 1) * grid.cell**2
-    free |= (area < settings.max_clutter)[labels]
-    cells = np.where(wall, np.uint8(WALL), np.uint8(UNKNOWN))
-    cells[free] = FREE
-    clearance = np.asarray(ndimage.distance_transform_edt(free)) * grid.cell
-    return FreeSpace(grid, cells, clearance, ground)
+    def _in_cells(self, p: Array) -> Array:
+        """Plan coordinates (m, 2) of points in cells, from the corner."""
+        return np.asarray((p[:, :2] - self.corner) / self.cell)

@@ -2,7 +2,7 @@
 
 A medial axis is equally far from the walls on both sides, so the point depends on the walls right around the
 intersection and on nothing else: not on how densely they were sampled, nor on how far down the roadways one can see.
-A node of a raster's medial axis is known to about a cell; the point is drawn from it to the centre of the clear
+A node of a medial axis of cells is known to about a cell; the point is drawn from it to the centre of the clear
 space around, which is known to a fraction of one.
 """
 
@@ -10,43 +10,42 @@ from __future__ import annotations
 
 import numpy as np
 
-from maps.grid import Grid
+from maps.free_space import FreeSpace
 from semmap.geometry import Array
 
 _KERNEL_M = 3.0
 _NODE_SHARE = 0.4
 _TOLERANCE_M = 0.005
+_PLANE_M, _PLANE_CELLS = 2.5, 20
 
 
-def invariant_point(node: Array, clearance: Array, grid: Grid) -> Array:
-    """Centre (2,) of the clear space around a node (2,) of the medial axis, tied to the node.
+def invariant_point(node: Array, space: FreeSpace) -> Array:
+    """Centre (3,) of the clear space around a node (3,) of the medial axis, tied to the node; on the floor.
 
-    The fixed point of ``p = (1 - a) m(p) + a node``, where ``m`` is the mean of the cells within three metres of p
-    (one and a half clearances where that is more) weighted by the square of their clearance and by nearness.
-
-    clearance : (nx, ny) distance to the nearest wall [m].
+    The fixed point of ``p = (1 - a) m(p) + a node``, where ``m`` is the mean of the floor cells within three metres of
+    p (one and a half clearances where that is more) weighted by the square of their clearance and by nearness.
     """
-    p = np.asarray(node, dtype=np.float64)
-    radius = max(_KERNEL_M, 1.5 * grid.sample(clearance, p[None])[0])
+    radius = max(_KERNEL_M, 1.5 * space.clearance_at(node))
+    rows = space.around(node, 2.0 * radius)
+    plan, weight = space.centres(rows)[:, :2], space.clearance[rows].astype(np.float64) ** 2
+    p = node[:2]
     for _ in range(20):
-        moved = (1.0 - _NODE_SHARE) * _clear_mean(p, radius, clearance, grid) + _NODE_SHARE * node
-        if np.linalg.norm(moved - p) < _TOLERANCE_M:
-            return moved
-        p = moved
-    return p
+        near = np.clip(1.0 - np.sum((plan - p) ** 2, axis=1) / radius**2, 0.0, None) * weight
+        if near.sum() <= 0.0:
+            break
+        before, p = p, (1.0 - _NODE_SHARE) * (near @ plan) / near.sum() + _NODE_SHARE * node[:2]
+        if np.linalg.norm(p - before) < _TOLERANCE_M:
+            break
+    return on_floor(np.append(p, node[2]), space)
 
 
-def _clear_mean(p: Array, radius: float, clearance: Array, grid: Grid) -> Array:
-    """Mean (2,) of the cells around ``p`` weighted by squared clearance and nearness."""
-    centre = grid.coordinates(p[None])[0]
-    reach = radius / grid.cell
-    low = np.maximum(np.floor(centre - reach).astype(int), 0)
-    high = np.minimum(np.ceil(centre + reach).astype(int) + 1, grid.shape)
-    i, j = np.arange(low[0], high[0])[:, None], np.arange(low[1], high[1])[None, :]
-    away2 = ((i - centre[0]) ** 2 + (j - centre[1]) ** 2) / reach**2
-    weight = np.clip(1.0 - away2, 0.0, None) * clearance[low[0] : high[0], low[1] : high[1]] ** 2
-    total = weight.sum()
-    if total <= 0.0:
+def on_floor(p: Array, space: FreeSpace) -> Array:
+    """The point (3,) on the plane that fits the floor around it best, or as it is where there is none."""
+    cells = space.centres(space.around(p, _PLANE_M))
+    if len(cells) < _PLANE_CELLS:
         return p
-    mean = np.array([(weight * i).sum(), (weight * j).sum()]) / total
-    return np.asarray((grid.x0, grid.y0) + (mean + 0.5) * grid.cell)
+    away = cells[:, :2] - p[:2]
+    weight = np.sqrt(np.clip(1.0 - np.sum(away**2, axis=1) / _PLANE_M**2, 0.0, None))
+    A = np.column_stack([np.ones(len(away)), away])
+    level = np.linalg.lstsq(weight[:, None] * A, weight * cells[:, 2], rcond=None)[0]
+    return np.append(p[:2], level[0])

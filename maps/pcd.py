@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maps._numba_lzf import lzf_decompress
-from semmap.errors import CloudError, InputFileError
+from maps.point_table import PIECE_POINTS, Extent, coordinates, record_blocks, steps, text_blocks
+from semmap.errors import InputFileError
 from semmap.geometry import Array
 
 _KINDS = {"F": "f", "I": "i", "U": "u"}
@@ -28,28 +29,33 @@ class _Header:
     encoding: str
 
 
-def read_pcd(path: str | Path) -> Array:
-    """Coordinates (n, 3) float64 [m] of a PCD file, rows that are not finite included.
+def pcd_extent(path: Path) -> Extent:
+    """Number of points the header promises. Raises `InputFileError` where the header is wrong."""
+    with _open(path) as file:
+        header = _read_header(file)
+    return Extent(header.n_points, PIECE_POINTS if header.encoding == "binary" else header.n_points)
+
+
+def pcd_points(path: Path, start: int, stop: int, rows: int) -> Iterator[Array]:
+    """Points ``start`` to ``stop``, (up to ``rows``, 3) float64 [m] at a time, those that are not finite included.
 
     Raises `InputFileError` where the file is cut off or its header is wrong, `CloudError` without x, y or z.
     """
-    with Path(path).open("rb") as file:
+    with _open(path) as file:
+        header = _read_header(file)
+        coordinates(np.empty(0, header.dtype), path)
+        for table in _READERS[header.encoding](file, header, start, stop, rows):
+            yield coordinates(table, path)
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[BinaryIO]:
+    with path.open("rb") as file:
         try:
-            header = _read_header(file)
-            table = _READERS[header.encoding](file, header)
+            yield file
         except (ValueError, KeyError, IndexError) as reason:
             what = f"is not a readable PCD file ({reason})"
             raise InputFileError(what, file=path, mend="export the cloud again") from None
-    return coordinates(table, path)
-
-
-def coordinates(table: NDArray[Any], path: str | Path) -> Array:
-    """Columns x, y, z of a structured array as (n, 3) float64. Raises `CloudError` where one is missing."""
-    names = table.dtype.names or ()
-    for axis in "xyz":
-        if axis not in names:
-            raise CloudError("is missing", file=path, field=axis, mend=f"the file has {', '.join(names)}")
-    return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
 
 
 def _read_header(file: BinaryIO) -> _Header:
@@ -85,33 +91,22 @@ def _row_dtype(entries: dict[str, list[str]]) -> np.dtype[Any]:
     return np.dtype(columns)
 
 
-def _read_ascii(file: BinaryIO, header: _Header) -> NDArray[Any]:
+def _read_ascii(file: BinaryIO, header: _Header, start: int, stop: int, rows: int) -> Iterator[NDArray[Any]]:
     names = [name for name in header.dtype.names or () if name in ("x", "y", "z")]
     widths = {name: int(np.prod(header.dtype[name].shape)) for name in header.dtype.names or ()}
-    starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
-    table = np.empty(header.n_points, [(name, np.float64) for name in names])
-    if names and header.n_points:
-        values = read_numbers(file, header.n_points, [starts[name] for name in names])
-        _check_length(len(values), header)
+    first = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
+    for values in text_blocks(file, header.n_points, [first[name] for name in names], rows):
+        table = np.empty(len(values), [(name, np.float64) for name in names])
         for k, name in enumerate(names):
             table[name] = values[:, k]
-    return table
+        yield table
 
 
-def read_numbers(file: BinaryIO, n_rows: int, columns: list[int] | None = None) -> Array:
-    """Up to ``n_rows`` lines of numbers from here on, as (n, columns) float64."""
-    filled = (line for line in io.TextIOWrapper(file, encoding="ascii") if line.strip())
-    values: Array = np.loadtxt(islice(filled, n_rows), np.float64, comments=None, usecols=columns, ndmin=2)
-    return values
+def _read_binary(file: BinaryIO, header: _Header, start: int, stop: int, rows: int) -> Iterator[NDArray[Any]]:
+    return record_blocks(file, header.dtype, header.n_points, start, stop, rows)
 
 
-def _read_binary(file: BinaryIO, header: _Header) -> NDArray[Any]:
-    data = file.read(header.n_points * header.dtype.itemsize)
-    _check_length(len(data) // header.dtype.itemsize, header)
-    return np.frombuffer(data, header.dtype, count=header.n_points)
-
-
-def _read_compressed(file: BinaryIO, header: _Header) -> NDArray[Any]:
+def _read_compressed(file: BinaryIO, header: _Header, start: int, stop: int, rows: int) -> Iterator[NDArray[Any]]:
     """Columns one after another, LZF-compressed as one block after two sizes."""
     sizes = np.frombuffer(file.read(8), "<u4")
     packed = np.frombuffer(file.read(int(sizes[0])), np.uint8)
@@ -120,19 +115,24 @@ def _read_compressed(file: BinaryIO, header: _Header) -> NDArray[Any]:
     data = np.empty(int(sizes[1]), np.uint8)
     if lzf_decompress(packed, data) != len(data):
         raise ValueError("its compressed data is damaged")
-    table = np.empty(header.n_points, header.dtype)
+    columns = _columns(data, header)
+    for low, high in steps(start, stop, rows):
+        table = np.empty(high - low, header.dtype)
+        for name, values in columns.items():
+            table[name] = values[low:high]
+        yield table
+
+
+def _columns(data: NDArray[np.uint8], header: _Header) -> dict[str, NDArray[Any]]:
+    """Each field of all points, from the fields one after another."""
+    columns: dict[str, NDArray[Any]] = {}
     start = 0
     for name in header.dtype.names or ():
         column = header.dtype[name]
         stop = start + header.n_points * column.itemsize
-        table[name] = data[start:stop].view(column.base).reshape(header.n_points, *column.shape)
+        columns[name] = data[start:stop].view(column.base).reshape(header.n_points, *column.shape)
         start = stop
-    return table
-
-
-def _check_length(n_read: int, header: _Header) -> None:
-    if n_read < header.n_points:
-        raise ValueError(f"cut off after {n_read} of {header.n_points} points")
+    return columns
 
 
 _READERS = {"ascii": _read_ascii, "binary": _read_binary, "binary_compressed": _read_compressed}

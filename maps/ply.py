@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -10,7 +12,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from maps.pcd import coordinates, read_numbers
+from maps.point_table import PIECE_POINTS, Extent, coordinates, record_blocks, text_blocks
 from semmap.errors import InputFileError
 from semmap.geometry import Array
 
@@ -46,19 +48,36 @@ class _Element:
     has_list: bool = False
 
 
-def read_ply(path: str | Path) -> Array:
-    """Vertices (n, 3) float64 [m] of a PLY file, rows that are not finite included.
+def ply_extent(path: Path) -> Extent:
+    """Number of vertices the header promises. Raises `InputFileError` where the header is wrong."""
+    with _open(path) as file:
+        encoding, elements = _read_header(file)
+        count = _vertices(encoding, elements).count
+    return Extent(count, count if encoding == "ascii" else PIECE_POINTS)
+
+
+def ply_points(path: Path, start: int, stop: int, rows: int) -> Iterator[Array]:
+    """Vertices ``start`` to ``stop``, (up to ``rows``, 3) float64 [m] at a time, those that are not finite included.
 
     Raises `InputFileError` where the file is cut off or its header is wrong, `CloudError` without x, y or z.
     """
-    with Path(path).open("rb") as file:
+    with _open(path) as file:
+        encoding, elements = _read_header(file)
+        vertices = _vertices(encoding, elements)
+        for element in elements[: elements.index(vertices)]:
+            _skip_rows(file, encoding, element)
+        for table in _read_rows(file, encoding, vertices, start, stop, rows):
+            yield coordinates(table, path)
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[BinaryIO]:
+    with path.open("rb") as file:
         try:
-            encoding, elements = _read_header(file)
-            table = _read_vertices(file, encoding, elements)
+            yield file
         except (ValueError, KeyError, IndexError) as reason:
             what = f"is not a readable PLY file ({reason})"
             raise InputFileError(what, file=path, mend="export the cloud again") from None
-    return coordinates(table, path)
 
 
 def _read_header(file: BinaryIO) -> tuple[str, list[_Element]]:
@@ -82,13 +101,13 @@ def _read_header(file: BinaryIO) -> tuple[str, list[_Element]]:
     return encoding, elements
 
 
-def _read_vertices(file: BinaryIO, encoding: str, elements: list[_Element]) -> NDArray[Any]:
+def _vertices(encoding: str, elements: list[_Element]) -> _Element:
+    """The element whose rows are the points; nothing before it may be of unknown length."""
     for element in elements:
         if element.has_list and (element.name == "vertex" or encoding != "ascii"):
             raise ValueError(f"a list in element {element.name} comes before the end of the vertices")
         if element.name == "vertex":
-            return _read_rows(file, encoding, element)
-        _skip_rows(file, encoding, element)
+            return element
     raise ValueError("it has no element vertex")
 
 
@@ -104,16 +123,15 @@ def _skip_rows(file: BinaryIO, encoding: str, element: _Element) -> None:
         file.seek(element.count * _dtype(encoding, element).itemsize, io.SEEK_CUR)
 
 
-def _read_rows(file: BinaryIO, encoding: str, element: _Element) -> NDArray[Any]:
-    if encoding == "ascii":
-        values = read_numbers(file, element.count) if element.count else np.empty((0, len(element.properties)))
-        table = np.empty(len(values), [(name, np.float64) for name, _ in element.properties])
-        for k, (name, _) in enumerate(element.properties):
+def _read_rows(
+    file: BinaryIO, encoding: str, element: _Element, start: int, stop: int, rows: int
+) -> Iterator[NDArray[Any]]:
+    if encoding != "ascii":
+        yield from record_blocks(file, _dtype(encoding, element), element.count, start, stop, rows)
+        return
+    names = [name for name, _ in element.properties]
+    for values in text_blocks(file, element.count, range(len(names)), rows):
+        table = np.empty(len(values), [(name, np.float64) for name in names])
+        for k, name in enumerate(names):
             table[name] = values[:, k]
-    else:
-        dtype = _dtype(encoding, element)
-        data = file.read(element.count * dtype.itemsize)
-        table = np.frombuffer(data, dtype, count=len(data) // dtype.itemsize)
-    if len(table) < element.count:
-        raise ValueError(f"cut off after {len(table)} of {element.count} vertices")
-    return table
+        yield table

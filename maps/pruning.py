@@ -5,23 +5,44 @@ from __future__ import annotations
 import heapq
 from collections import defaultdict
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from maps.roadways import Roadway
 from maps.settings import TopologySettings
+from semmap.geometry import Array
 
 
-def pruned(roads: Iterable[Roadway], open_ends: frozenset[int], settings: TopologySettings) -> tuple[Roadway, ...]:
-    """The roadways without dead ends that are niches of the wall, the shortest taken first."""
-    graph = _Graph(roads)
+@dataclass(frozen=True, slots=True, eq=False)
+class Niche:
+    """A dead end too short to be a branch.
+
+    mouth : (3,) where it leaves the roadway [m].
+    standing : how near it comes to being a branch, see `standing`; below 1.
+    """
+
+    mouth: Array
+    standing: float
+
+
+def pruned(
+    roads: Iterable[Roadway], open_ends: frozenset[int], settings: TopologySettings
+) -> tuple[tuple[Roadway, ...], tuple[Niche, ...]]:
+    """The roadways without dead ends that are niches of the wall, the shortest taken first; and these niches."""
+    graph, niches = _Graph(roads), []
     queue = [(road.length, number) for number, road in graph.roads.items() if graph.is_spur(road)]
     heapq.heapify(queue)
     while queue:
         _, number = heapq.heappop(queue)
         spur = graph.roads.get(number)
-        if spur is None or _is_branch(graph.root_first(spur), open_ends, settings):
+        if spur is None:
             continue
+        spur = graph.root_first(spur)
+        reached = standing(spur, open_ends, settings)
+        if reached >= 1.0:
+            continue
+        niches.append(Niche(spur.axis[0], reached))
         graph.drop(number)
         for node in spur.nodes:
             graph.dissolve(node)
@@ -30,16 +51,19 @@ def pruned(roads: Iterable[Roadway], open_ends: frozenset[int], settings: Topolo
                     heapq.heappush(queue, (graph.roads[touched].length, touched))
     for node in list(graph.at):
         graph.dissolve(node)
-    return tuple(graph.roads.values())
+    return tuple(graph.roads.values()), tuple(niches)
 
 
-def _is_branch(spur: Roadway, open_ends: frozenset[int], settings: TopologySettings) -> bool:
-    """Whether a dead end, root first, is a roadway: long, and longer than wide; or seen to go on out of its mouth."""
+def standing(spur: Roadway, open_ends: frozenset[int], settings: TopologySettings) -> float:
+    """How far a dead end, root first, meets what makes it a roadway: 1 and more where it is one.
+
+    It must be long, and longer than wide; or be seen to go on out of its mouth.
+    """
     mouth = float(spur.clearance[0])
     if spur.nodes[1] in open_ends:
-        return spur.length >= settings.open_branch * mouth
+        return spur.length / (settings.open_branch * mouth)
     width = 2.0 * float(np.median(spur.clearance))
-    return spur.length >= settings.min_branch and spur.length - mouth >= settings.min_aspect * width
+    return min(spur.length / settings.min_branch, (spur.length - mouth) / (settings.min_aspect * width))
 
 
 class _Graph:

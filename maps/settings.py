@@ -42,6 +42,7 @@ class TopologySettings(Settings):
     max_half_width : where the walls are farther away it is a hall or yard, not a roadway [m].
     axis_length : length of centre line a branch axis is fitted to [m].
     corner_deg : a bend is an ``L`` intersection where the roadway turns by at least this within a few widths.
+    bend_deg : a bend is a node of the roadway graph where the roadway turns by at least this within a few widths.
     """
 
     min_branch: PositiveFloat = 8.0
@@ -51,6 +52,7 @@ class TopologySettings(Settings):
     max_half_width: PositiveFloat = 7.0
     axis_length: PositiveFloat = 5.0
     corner_deg: PositiveFloat = Field(default=60.0, le=180.0)
+    bend_deg: PositiveFloat = Field(default=35.0, le=180.0)
 
 
 class MapSettings(Settings):

@@ -1,4 +1,4 @@
-"""A one-cell-wide skeleton as a graph: pixels where lines meet or end are nodes, the lines between them edges."""
+"""The floor thinned to a one-cell-wide skeleton, as a graph: where lines meet or end are nodes, the lines are edges."""
 
 from __future__ import annotations
 
@@ -6,123 +6,96 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
-from maps._numba_thinning import thin
-from semmap.geometry import Array
+from maps._numba_thinning import thin, trace
+from maps.free_space import FreeSpace
 
-_EIGHT = np.ones((3, 3), dtype=np.int8)
-_SCATTER = 2654435761  # Knuth's multiplicative hash
+_SCATTER = (73856093, 19349663, 2654435761)
+"""Large primes that scatter plan positions (Teschner's spatial hash, Knuth's multiplicative hash)."""
 
 
-@dataclass(frozen=True, slots=True)
-class PixelGraph:
-    """Skeleton of a raster.
+@dataclass(frozen=True, slots=True, eq=False)
+class SkeletonGraph:
+    """Skeleton of the floor.
 
-    nodes : (n, 2) cells, one for each cluster of pixels where lines meet, and one for each loose end.
-    edges : for each line its two nodes.
-    paths : for each line its cells (k, 2) from the first node to the second, both included.
+    nodes : (n,) row of the floor cell of each node: a cluster of cells where lines meet, or a loose end.
+    edges : (e, 2) for each line its two nodes.
+    paths : for each line the rows (k,) of its cells from the first node to the second, both included.
     """
 
     nodes: NDArray[np.int64]
-    edges: tuple[tuple[int, int], ...]
+    edges: NDArray[np.int64]
     paths: tuple[NDArray[np.int64], ...]
 
 
-def skeleton_graph(clearance: Array) -> PixelGraph:
-    """Medial axis of the cells with some clearance as a graph. A loop without any node gets one at its first cell.
+def skeleton_graph(space: FreeSpace) -> SkeletonGraph:
+    """Medial axis of the floor as a graph. A loop without any node gets one at its first cell."""
+    rows = np.flatnonzero(medial_axis(space))
+    links = _links(space.neighbours, rows)
+    is_node = (links >= 0).sum(axis=1) != 2
+    is_node[_first_without(is_node, _parts(links, np.ones(len(rows), dtype=bool)))] = True
+    owner = _parts(links, is_node)
+    nodes = rows[_middles(space.ij[rows], owner)]
+    edges, stops, cells = trace(links, owner)
+    lines = np.split(rows[cells], stops[:-1])
+    paths = (np.concatenate([nodes[[a]], line, nodes[[b]]]) for (a, b), line in zip(edges, lines, strict=False))
+    return SkeletonGraph(nodes, edges, tuple(paths))
 
-    clearance : (nx, ny) distance of each free cell to the nearest one that is not, 0 in those.
+
+def medial_axis(space: FreeSpace) -> NDArray[np.bool_]:
+    """Cells (n,) that are left when the others are taken from the walls inwards, without cutting a line or an end.
+
+    Of cells equally far from the walls those amid most free ones go first, and of these in an order scattered by their
+    plan position, so that the lines stay in the middle whatever way the mine is turned and whatever else is in the map.
     """
-    skeleton = medial_axis(np.pad(clearance, 1))
-    neighbours = ndimage.convolve(skeleton.astype(np.int8), _EIGHT, mode="constant") - 1
-    is_node = skeleton & (neighbours != 2)
-    is_node[_first_cells(skeleton & ~_reached(skeleton, is_node))] = True
-    labels, count = ndimage.label(is_node, _EIGHT)
-    nodes = _cluster_cells(labels, count)
-    edges, paths = _traced(skeleton, labels)
-    paths = [np.vstack([nodes[a], path, nodes[b]]) - 1 for (a, b), path in zip(edges, paths, strict=True)]
-    return PixelGraph(nodes - 1, tuple(edges), tuple(paths))
+    amid = (space.neighbours >= 0).sum(axis=1, dtype=np.int8)
+    squared = np.rint((space.clearance / space.cell) ** 2).astype(np.int32)
+    kept = np.ones(len(space), dtype=bool)
+    thin(kept, space.neighbours, np.lexsort((_scattered(space.ij), -amid, squared)))
+    return kept
 
 
-def medial_axis(clearance: Array) -> NDArray[np.bool_]:
-    """Cells that are left when the others are taken from the walls inwards, without cutting a line or an end.
-
-    Of cells equally far from the walls those amid most free ones go first, and of these in a scattered order, so that
-    the lines stay in the middle whatever way the raster is turned. ``clearance`` is 0 along its border.
-    """
-    mask = clearance > 0.0
-    cells = np.flatnonzero(mask)
-    neighbours = ndimage.convolve(mask.astype(np.int8), _EIGHT, mode="constant").ravel()[cells]
-    scatter = (cells.astype(np.uint64) * np.uint64(_SCATTER)) & np.uint64(0xFFFFFFFF)
-    thin(mask, cells[np.lexsort((scatter, -neighbours, clearance.ravel()[cells]))])
-    return mask
+def _scattered(ij: NDArray[np.int32]) -> NDArray[np.uint32]:
+    """A number (n,) for each plan position (n, 2) that looks random and depends on nothing else."""
+    mixed = ij[:, 0].astype(np.uint32) * np.uint32(_SCATTER[0]) ^ ij[:, 1].astype(np.uint32) * np.uint32(_SCATTER[1])
+    return np.asarray((mixed ^ mixed >> np.uint32(15)) * np.uint32(_SCATTER[2]))
 
 
-def _reached(skeleton: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The parts of the skeleton that are connected to a seed."""
-    labels, count = ndimage.label(skeleton, _EIGHT)
-    with_seed = np.zeros(count + 1, dtype=bool)
-    with_seed[labels[seeds]] = True
-    with_seed[0] = False
-    return np.asarray(with_seed[labels])
+def _links(neighbours: NDArray[np.int32], rows: NDArray[np.int64]) -> NDArray[np.int32]:
+    """The neighbour table (m, 8) among some rows (m,), renumbered."""
+    number = np.full(len(neighbours) + 1, -1, dtype=np.int32)
+    number[rows] = np.arange(len(rows), dtype=np.int32)
+    return np.asarray(number[np.maximum(neighbours[rows], -1)])
 
 
-def _first_cells(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """One cell of each connected part."""
-    labels, _ = ndimage.label(mask, _EIGHT)
-    _, first = np.unique(labels, return_index=True)
-    first = first[labels.ravel()[first] > 0]
-    rows, columns = np.unravel_index(first, mask.shape)
-    return rows, columns
+def _parts(links: NDArray[np.int32], chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Number (m,) of the connected part each chosen cell belongs to, by its first cell; -1 of the others."""
+    out = np.full(len(links), -1, dtype=np.int64)
+    cells = np.flatnonzero(chosen)
+    if len(cells):
+        among = _links(links, cells)
+        at, _ = np.nonzero(among >= 0)
+        pairs = csr_array((np.ones(len(at), np.int8), (at, among[among >= 0])), shape=(len(cells), len(cells)))
+        out[cells] = connected_components(pairs, directed=False)[1]
+    return out
 
 
-def _cluster_cells(labels: NDArray[np.int32], count: int) -> NDArray[np.int64]:
-    """The member of each cluster of node pixels that is nearest to its mean."""
-    cells = np.argwhere(labels)
-    owner = labels[tuple(cells.T)] - 1
-    size = np.maximum(np.bincount(owner, minlength=count), 1)
-    mean = np.stack([np.bincount(owner, cells[:, k], minlength=count) / size for k in (0, 1)], axis=-1)
-    off = np.sum((cells - mean[owner]) ** 2, axis=1)
-    order = np.lexsort((off, owner))
+def _first_without(is_node: NDArray[np.bool_], part: NDArray[np.int64]) -> NDArray[np.int64]:
+    """First cell of each part that has no node."""
+    _, first = np.unique(part, return_index=True)
+    with_node = np.zeros(len(first), dtype=bool)
+    with_node[part[is_node]] = True
+    return np.asarray(first[~with_node])
+
+
+def _middles(ij: NDArray[np.int32], owner: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The member of each cluster of node cells that is nearest to its mean."""
+    cells = np.flatnonzero(owner >= 0)
+    ij, owner = ij[cells].astype(np.int64), owner[cells]
+    size = np.maximum(np.bincount(owner), 1)
+    mean = np.stack([np.bincount(owner, ij[:, k]) / size for k in (0, 1)], axis=-1)
+    order = np.lexsort((np.sum((ij - mean[owner]) ** 2, axis=1), owner))
     _, first = np.unique(owner[order], return_index=True)
-    return cells[order[first]]
-
-
-def _traced(
-    skeleton: NDArray[np.bool_], labels: NDArray[np.int32]
-) -> tuple[list[tuple[int, int]], list[NDArray[np.int64]]]:
-    """Follow every line from a node pixel to the next one."""
-    width = skeleton.shape[1]
-    steps = [di * width + dj for di in (-1, 0, 1) for dj in (-1, 0, 1) if di or dj]
-    lit = set(np.flatnonzero(skeleton).tolist())
-    node_of = dict(zip(np.flatnonzero(labels).tolist(), (labels[labels > 0] - 1).tolist(), strict=True))
-    edges: list[tuple[int, int]] = []
-    paths: list[NDArray[np.int64]] = []
-    done: set[int] = set()
-    for pixel, start in node_of.items():
-        for first in (pixel + step for step in steps):
-            if first not in lit or first in node_of or first in done:
-                continue
-            path, end = _followed(pixel, first, steps, lit, node_of)
-            done.update((path[0], path[-1]))
-            edges.append((start, node_of[end]))
-            paths.append(np.stack(np.unravel_index(path, skeleton.shape), axis=-1))
-    return edges, paths
-
-
-def _followed(
-    pixel: int, first: int, steps: list[int], lit: set[int], node_of: dict[int, int]
-) -> tuple[list[int], int]:
-    """The line that leaves node ``pixel`` by ``first``, and the node pixel it arrives at.
-
-    A pixel on a line has two lit neighbours: the one it was reached from, and the next.
-    """
-    path, before = [first], pixel
-    while True:
-        here = path[-1]
-        ahead = next(here + step for step in steps if here + step in lit and here + step != before)
-        if ahead in node_of:
-            return path, ahead
-        path.append(ahead)
-        before = here
+    return np.asarray(cells[order[first]])

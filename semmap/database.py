@@ -1,62 +1,72 @@
 """The semantic database file: a `SemanticMap` as HDF5, column by column.
 
-The only file that knows h5py. Layout of schema version 1 (i intersections, b branches, e roadways)::
+Layout of schema version 2 (i intersections, b branches, k nodes, e roadways)::
 
     /                     attributes format, schema_version, frame, origin (3,), crs (absent where unknown),
                           sources and settings (JSON)
     /intersections/       id (i,), p_map (i, 3), kind (i,), branch_offsets (i+1,), branch_bearings (b,),
-                          branch_widths (b,), pwcv (i, sectors), pwcv_observed, cwc (i, layers, sectors),
+                          branch_widths (b,), quality (i,), pwcv (i, sectors), pwcv_observed, cwc (i, layers, sectors),
                           cwc_observed, cloud_offsets (i+1,), cloud_points (n, 3)
-    /roadways/            node_p_map (k, 3), node_intersection (k,), edge_nodes (e, 2), edge_length (e,),
-                          edge_width (e,), axis_offsets (e+1,), axis_points (m, 3)
+    /roadways/            node_p_map (k, 3), node_intersection (k,), node_kind (k,), edge_nodes (e, 2),
+                          edge_length (e,), edge_width (e,), edge_height (e,), edge_slope (e,),
+                          axis_offsets (e+1,), axis_points (m, 3), axis_profile (m, 2)
 
-What belongs to row ``r`` of a ragged column lies in ``[offsets[r], offsets[r + 1])``.
+What belongs to row ``r`` of a ragged column lies in ``[offsets[r], offsets[r + 1])``. The clouds, nearly all of a file,
+are chunked, shuffled and compressed; everything else lies in one piece.
+
+Version 1 had no quality, node_kind, edge_height, edge_slope and axis_profile. It is read with the quality counted from
+the masks, nodes that are no intersections as dead ends, slopes from the axes, heights and profiles unknown (0).
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap import hdf5
 from semmap.errors import DatabaseError
 from semmap.files import written_whole
 from semmap.geometry import Array
-from semmap.intersections import KINDS, Intersection, RoadwayGraph, SemanticMap, WallContour
+from semmap.hdf5 import Group
+from semmap.intersections import (
+    KINDS,
+    NODE_KINDS,
+    Intersection,
+    IntersectionColumns,
+    IntersectionTable,
+    RoadwayGraph,
+    SemanticMap,
+    WallContour,
+    axis_slope,
+)
+from semmap.ragged import Ragged
 
 FORMAT = "semmap-database"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
-_CHUNK_ROWS = 16384
-_KIND_BYTES = 16
-_MAX_PACKING = 1100  # gzip packs no tighter; a file that claims to would fill the memory with nothing
-_REBUILD = "build it again with `semmap build`"
-_LIBRARY_ERRORS = (OSError, RuntimeError, LookupError, ValueError, TypeError, ArithmeticError, MemoryError)
+_CONTOUR_TYPES = {"pwcv": np.float32, "pwcv_observed": np.bool_, "cwc": np.float32, "cwc_observed": np.bool_}
 
 
 def save(semantic_map: SemanticMap, path: str | Path) -> None:
     """Write a semantic map as a database file, whole or not at all. The same map gives the same bytes.
 
+    The intersections are gone through once, and of their clouds no more than one is kept: a map larger than memory may
+    hand them over as a sequence that makes each when it is asked for.
+
     Raises `DatabaseError` where `load` would refuse it, `InputFileError` where it cannot be written.
     """
-    _check_uniform_contours(semantic_map.intersections, path)
-    with _naming(path), written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+    with hdf5.naming(path), written_whole(path) as temporary, hdf5.created(temporary) as file:
         _write_attributes(file, semantic_map)
         _write_intersections(file.create_group("intersections"), semantic_map.intersections)
         _write_roadways(file.create_group("roadways"), semantic_map.roadways)
-        _read_map(file)
-
-
-def _check_uniform_contours(intersections: Sequence[Intersection], path: str | Path) -> None:
-    shapes = {(place.contour.pwcv.shape, place.contour.cwc.shape) for place in intersections}
-    if len(shapes) > 1:
-        raise DatabaseError("contours differ in sectors or layers", file=path, mend="use one setting for all")
+        columns = _read_columns(Group(file, "intersections"), SCHEMA_VERSION)
+        _read_contours(Group(file, "intersections"), len(columns))
+        _read_roadways(Group(file, "roadways"), columns.id, SCHEMA_VERSION)
 
 
 def _write_attributes(file: Any, semantic_map: SemanticMap) -> None:
@@ -64,64 +74,64 @@ def _write_attributes(file: Any, semantic_map: SemanticMap) -> None:
     file.attrs["schema_version"] = SCHEMA_VERSION
     file.attrs["frame"] = semantic_map.frame
     file.attrs["origin"] = np.asarray(semantic_map.origin, dtype=np.float64)
-    file.attrs["sources"] = _json(dict(semantic_map.sources))
-    file.attrs["settings"] = _json(dict(semantic_map.settings))
+    hdf5.write_json(file, "sources", dict(semantic_map.sources))
+    hdf5.write_json(file, "settings", dict(semantic_map.settings))
     if semantic_map.crs is not None:
         file.attrs["crs"] = semantic_map.crs
 
 
-def _json(value: dict[str, Any]) -> str:
-    return json.dumps(value, sort_keys=True, allow_nan=False)
+def _write_intersections(group: Any, places: Iterable[Intersection]) -> None:
+    """The clouds as they come, then the columns of everything else."""
+    bare, sizes, no_points = [], [0], np.zeros((0, 3), np.float32)
+    with hdf5.Appender(group, "cloud_points", np.float32, (3,)) as clouds:
+        for place in places:
+            _check_ragged(place)
+            clouds.append(np.asarray(place.cloud, np.float32))
+            sizes.append(len(place.cloud))
+            bare.append(replace(place, cloud=no_points))
+    columns = IntersectionColumns.of(bare)
+    for name in ("id", "p_map", "branch_offsets", "branch_bearings", "branch_widths", "quality"):
+        hdf5.write_column(group, name, getattr(columns, name))
+    hdf5.write_kinds(group, "kind", columns.kind)
+    hdf5.write_column(group, "cloud_offsets", np.cumsum(sizes))
+    _write_contours(group, [place.contour for place in bare])
 
 
-def _write_intersections(group: Any, places: Sequence[Intersection]) -> None:
-    _write(group, "id", np.array([place.id for place in places], np.int64))
-    _write(group, "p_map", np.array([place.p_map for place in places], np.float64).reshape(-1, 3))
-    _write(group, "kind", np.array([place.kind.encode() for place in places], f"S{_KIND_BYTES}"))
-    _write_ragged(group, "branch", "bearings", [place.branch_bearings for place in places], np.float64, ())
-    _write(group, "branch_widths", _joined([place.branch_widths for place in places], np.float64, ()))
-    for name, dtype, dimensions in _CONTOUR_COLUMNS:
-        rows = [getattr(place.contour, name) for place in places]
-        _write(group, name, np.array(rows, dtype) if rows else np.empty((0,) * (dimensions + 1), dtype))
-    _write_ragged(group, "cloud", "points", [place.cloud for place in places], np.float32, (3,))
+def _check_ragged(place: Intersection) -> None:
+    """Refuse what no check of whole columns would find."""
+    if place.branch_widths.shape != place.branch_bearings.shape:
+        raise DatabaseError("has not one width a branch", field=f"intersection {place.id}")
+    if place.cloud.ndim != 2 or place.cloud.shape[1] != 3 or not np.isfinite(place.cloud).all():
+        raise DatabaseError("has a cloud that is not (n, 3) finite numbers", field=f"intersection {place.id}")
+
+
+def _write_contours(group: Any, contours: Sequence[WallContour]) -> None:
+    if len({(one.pwcv.shape, one.cwc.shape) for one in contours}) > 1:
+        raise DatabaseError("contours differ in sectors or layers", mend="use one setting for all")
+    stacked = WallContour.stacked(contours)
+    for name, dtype in _CONTOUR_TYPES.items():
+        hdf5.write_column(group, name, np.asarray(getattr(stacked, name), dtype))
 
 
 def _write_roadways(group: Any, roadways: RoadwayGraph) -> None:
-    _write(group, "node_p_map", np.asarray(roadways.node_p_map, np.float64).reshape(-1, 3))
-    _write(group, "node_intersection", np.asarray(roadways.node_intersection, np.int64))
-    _write(group, "edge_nodes", np.asarray(roadways.edge_nodes, np.int64).reshape(-1, 2))
-    _write(group, "edge_length", np.asarray(roadways.edge_length, np.float64))
-    _write(group, "edge_width", np.asarray(roadways.edge_width, np.float64))
-    _write_ragged(group, "axis", "points", roadways.edge_axes, np.float64, (3,))
-
-
-def _write_ragged(
-    group: Any, owner: str, name: str, rows: Sequence[NDArray[Any]], dtype: Any, row_shape: tuple[int, ...]
-) -> None:
-    lengths = [len(row) for row in rows]
-    _write(group, f"{owner}_offsets", np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64))
-    _write(group, f"{owner}_{name}", _joined(rows, dtype, row_shape))
-
-
-def _joined(rows: Sequence[NDArray[Any]], dtype: Any, row_shape: tuple[int, ...]) -> NDArray[Any]:
-    parts = [np.asarray(row, dtype).reshape(-1, *row_shape) for row in rows]
-    return np.concatenate([np.empty((0, *row_shape), dtype), *parts])
-
-
-def _write(group: Any, name: str, data: NDArray[Any]) -> None:
-    if len(data) > _CHUNK_ROWS:
-        options: dict[str, Any] = {
-            "chunks": (_CHUNK_ROWS, *data.shape[1:]),
-            "shuffle": True,
-            "compression": "gzip",
-        }
-    else:
-        options = {}
-    group.create_dataset(name, data=data, track_times=False, **options)
+    if [len(axis) for axis in roadways.edge_axes] != [len(profile) for profile in roadways.edge_profiles]:
+        raise DatabaseError("do not have one row a point of the axis", field="roadways/axis_profile")
+    hdf5.write_column(group, "node_p_map", np.asarray(roadways.node_p_map, np.float64).reshape(-1, 3))
+    hdf5.write_column(group, "node_intersection", np.asarray(roadways.node_intersection, np.int64))
+    hdf5.write_kinds(group, "node_kind", roadways.node_kind)
+    hdf5.write_column(group, "edge_nodes", np.asarray(roadways.edge_nodes, np.int64).reshape(-1, 2))
+    for name in ("edge_length", "edge_width", "edge_height", "edge_slope"):
+        hdf5.write_column(group, name, np.asarray(getattr(roadways, name), np.float64))
+    hdf5.write_column(group, "axis_offsets", np.cumsum([0, *map(len, roadways.edge_axes)]))
+    hdf5.write_column(group, "axis_points", np.concatenate([np.zeros((0, 3)), *roadways.edge_axes]))
+    hdf5.write_column(group, "axis_profile", np.concatenate([np.zeros((0, 2)), *roadways.edge_profiles]))
 
 
 def load(path: str | Path) -> SemanticMap:
-    """Read a database file and check all of it: links, types, shapes, ranges, and that its parts agree.
+    """Open a database file: links, types, shapes and ranges are checked, and that its parts agree.
+
+    The contours are read when they are first needed and each cloud when it is looked at; what they hold is checked
+    then. The file must stay as it is until then: one that was changed or removed since is a `DatabaseError`.
 
     Raises
     ------
@@ -130,188 +140,155 @@ def load(path: str | Path) -> SemanticMap:
     """
     if not Path(path).is_file():
         raise DatabaseError("no such file", file=path, mend="check the path, or build it with `semmap build`")
-    if not h5py.is_hdf5(path):
-        raise DatabaseError("is not a semantic database (not HDF5)", file=path, mend=_REBUILD)
-    with _naming(path), _opened(path) as file:
-        return _read_map(file)
+    stamp = hdf5.Stamp.of(path)
+    with stamp.opened() as file:
+        return _read_map(file, stamp)
 
 
-def _read_map(file: Any) -> SemanticMap:
-    _check_identity(file)
-    intersections = _read_intersections(_Group(file, "intersections"))
-    roadways = _read_roadways(_Group(file, "roadways"), {place.id for place in intersections})
+def _read_map(file: Any, stamp: hdf5.Stamp) -> SemanticMap:
+    version = _read_version(file)
+    columns = _read_columns(Group(file, "intersections"), version)
     return SemanticMap(
-        intersections=intersections,
-        roadways=roadways,
-        origin=_read_origin(file),
-        settings=_read_json(file, "settings"),
-        sources=_read_json(file, "sources"),
-        frame=_read_text(file, "frame"),
-        crs=_read_text(file, "crs") if "crs" in file.attrs else None,
+        intersections=IntersectionTable(
+            columns,
+            _StoredContours(stamp, len(columns)),
+            _StoredClouds(stamp, np.concatenate([[0], np.cumsum(columns.cloud_sizes)])),
+        ),
+        roadways=_read_roadways(Group(file, "roadways"), columns.id, version),
+        origin=hdf5.read_numbers(file, "origin", 3),
+        settings=hdf5.read_json(file, "settings"),
+        sources=hdf5.read_json(file, "sources"),
+        frame=hdf5.read_text(file, "frame"),
+        crs=hdf5.read_text(file, "crs") if "crs" in file.attrs else None,
     )
 
 
-@contextmanager
-def _naming(path: str | Path) -> Iterator[None]:
-    """Faults found in the block name the file and a mend."""
-    try:
-        yield
-    except DatabaseError as error:
-        raise DatabaseError(error.what, file=path, field=error.field, mend=error.mend or _REBUILD) from None
-
-
-@contextmanager
-def _opened(path: str | Path) -> Iterator[Any]:
-    """The file, open to read; whatever the library makes of a damaged one becomes one `DatabaseError`."""
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except _LIBRARY_ERRORS as reason:
-        text = str(reason).splitlines()[0] if str(reason) else type(reason).__name__
-        raise DatabaseError(f"is damaged ({text})", mend=f"copy it again or {_REBUILD}") from None
-
-
-def _check_identity(file: Any) -> None:
-    if "format" not in file.attrs or _read_text(file, "format") != FORMAT:
+def _read_version(file: Any) -> int:
+    if "format" not in file.attrs or hdf5.read_text(file, "format") != FORMAT:
         raise DatabaseError("is an HDF5 file, but not a semantic database")
-    version = file.attrs.get("schema_version")
-    if not isinstance(version, np.integer):
-        raise DatabaseError("is not a whole number", field="schema_version")
-    if version != SCHEMA_VERSION:
-        what = f"is of schema version {version}, this program reads {SCHEMA_VERSION}"
+    version = hdf5.read_whole_number(file, "schema_version")
+    if not 1 <= version <= SCHEMA_VERSION:
+        what = f"is of schema version {version}, this program reads 1 to {SCHEMA_VERSION}"
         raise DatabaseError(what, field="schema_version")
+    return version
 
 
-def _read_text(file: Any, name: str) -> str:
-    value = file.attrs.get(name)
-    if not isinstance(value, str):
-        raise DatabaseError("is missing or not text", field=name)
-    return value
+@dataclass(frozen=True, slots=True)
+class _StoredContours:
+    """Reads the contours of all intersections of a file."""
+
+    stamp: hdf5.Stamp
+    rows: int
+
+    def __call__(self) -> WallContour:
+        with self.stamp.opened() as file:
+            return _read_contours(Group(file, "intersections"), self.rows)
 
 
-def _read_json(file: Any, name: str) -> dict[str, Any]:
-    try:
-        value = json.loads(_read_text(file, name))
-    except json.JSONDecodeError:
-        raise DatabaseError("is not JSON", field=name) from None
-    if not isinstance(value, dict):
-        raise DatabaseError("is not a mapping", field=name)
-    return value
+@dataclass(frozen=True, slots=True)
+class _StoredClouds:
+    """Reads the cloud of one intersection of a file."""
+
+    stamp: hdf5.Stamp
+    offsets: NDArray[np.int64]
+
+    def __call__(self, row: int) -> NDArray[np.float32]:
+        begin, end, total = self.offsets[[row, row + 1, -1]].tolist()
+        with self.stamp.opened() as file:
+            return Group(file, "intersections").rows("cloud_points", np.float32, (total, 3), slice(begin, end))
 
 
-def _read_origin(file: Any) -> Array:
-    origin = file.attrs.get("origin")
-    if not isinstance(origin, np.ndarray) or origin.dtype.kind != "f" or origin.shape != (3,):
-        raise DatabaseError("is not three numbers", field="origin")
-    if not np.isfinite(origin).all():
-        raise DatabaseError("is not finite", field="origin")
-    return origin.astype(np.float64)
-
-
-class _Group:
-    """A group of columns; every access checks the link, the type, the shape, and that numbers are finite."""
-
-    def __init__(self, file: Any, name: str) -> None:
-        self._name = name
-        if not isinstance(file.get(name, getlink=True), h5py.HardLink) or not isinstance(file[name], h5py.Group):
-            raise DatabaseError("is missing or not a group", field=name)
-        self._group = file[name]
-
-    def fault(self, name: str, what: str) -> DatabaseError:
-        return DatabaseError(what, field=f"{self._name}/{name}")
-
-    def column(self, name: str, dtype: Any, shape: tuple[int | None, ...]) -> NDArray[Any]:
-        """A data set of exactly ``dtype``; None in ``shape`` stands for any length."""
-        if not isinstance(self._group.get(name, getlink=True), h5py.HardLink):
-            raise self.fault(name, "is missing or a link to elsewhere")
-        data = self._group[name]
-        if not isinstance(data, h5py.Dataset) or data.is_virtual or data.external:
-            raise self.fault(name, "is not a data set of this file")
-        if data.dtype != np.dtype(dtype):
-            raise self.fault(name, f"is of type {data.dtype}, not {np.dtype(dtype)}")
-        fits = len(data.shape) == len(shape) and all(w in (None, n) for n, w in zip(data.shape, shape, strict=True))
-        if not fits:
-            wanted = ", ".join("any" if n is None else str(n) for n in shape)
-            raise self.fault(name, f"has shape {data.shape}, not ({wanted})")
-        if data.nbytes > _MAX_PACKING * data.id.get_storage_size():
-            raise self.fault(name, f"claims {data.nbytes} bytes and holds {data.id.get_storage_size()}")
-        values: NDArray[Any] = data[()]
-        if values.dtype.kind == "f" and not np.isfinite(values).all():
-            raise self.fault(name, "holds NaN or infinity")
-        return values
-
-    def ragged(self, owner: str, name: str, dtype: Any, rows: int, row_shape: tuple[int, ...]) -> list[NDArray[Any]]:
-        """The rows of a ragged column."""
-        offsets = self.column(f"{owner}_offsets", np.int64, (rows + 1,))
-        values = self.column(f"{owner}_{name}", dtype, (None, *row_shape))
-        if offsets[0] != 0 or offsets[-1] != len(values) or (np.diff(offsets) < 0).any():
-            raise self.fault(f"{owner}_offsets", f"do not divide the {len(values)} rows of {owner}_{name}")
-        return np.split(values, offsets[1:-1]) if rows else []
-
-
-_CONTOUR_COLUMNS = (
-    ("pwcv", np.float32, 1),
-    ("pwcv_observed", np.bool_, 1),
-    ("cwc", np.float32, 2),
-    ("cwc_observed", np.bool_, 2),
-)
-
-
-def _read_intersections(group: _Group) -> tuple[Intersection, ...]:
+def _read_columns(group: Group, version: int) -> IntersectionColumns:
+    """All but contours and clouds, of which the shapes are checked."""
     ids = group.column("id", np.int64, (None,))
     n = len(ids)
     if len(np.unique(ids)) != n or (ids < 0).any():
         raise group.fault("id", "holds an id twice, or a negative one")
-    p_map = group.column("p_map", np.float64, (n, 3))
-    kinds = [kind.decode("ascii", "replace") for kind in group.column("kind", f"S{_KIND_BYTES}", (n,))]
-    bearings = group.ragged("branch", "bearings", np.float64, n, ())
-    widths = _split_like(bearings, group.column("branch_widths", np.float64, (sum(map(len, bearings)),)))
-    contours = _read_contours(group, n)
-    clouds = group.ragged("cloud", "points", np.float32, n, (3,))
-    _check_branches(group, bearings, widths)
-    if unknown := set(kinds) - set(KINDS):
-        raise group.fault("kind", f"holds {unknown.pop()!r}, which is none of {', '.join(KINDS)}")
-    return tuple(
-        Intersection(int(ids[k]), p_map[k], kinds[k], bearings[k], widths[k], contours[k], clouds[k]) for k in range(n)
+    _check_contour_shapes(group, n)
+    (branches,) = group.shape("branch_bearings", np.float64, (None,))
+    (points, _) = group.shape("cloud_points", np.float32, (None, 3))
+    columns = IntersectionColumns(
+        id=ids,
+        p_map=group.column("p_map", np.float64, (n, 3)),
+        kind=group.kinds("kind", n, KINDS),
+        quality=group.column("quality", np.float64, (n,)) if version > 1 else _seen_share(_read_contours(group, n)),
+        branch_offsets=group.offsets("branch", n, "bearings", branches),
+        branch_bearings=group.column("branch_bearings", np.float64, (branches,)),
+        branch_widths=group.at_least_0("branch_widths", (branches,)),
+        cloud_sizes=np.diff(group.offsets("cloud", n, "points", points)),
     )
+    _check_ranges(group, columns)
+    return columns
 
 
-def _split_like(rows: Sequence[NDArray[Any]], values: NDArray[Any]) -> list[NDArray[Any]]:
-    return np.split(values, np.cumsum([len(row) for row in rows])[:-1]) if rows else []
+def _seen_share(contours: WallContour) -> Array:
+    """Share (n,) of the cells of each CWC that were observed."""
+    seen = contours.cwc_observed
+    return seen.reshape(len(seen), -1).mean(axis=1) if seen.size else np.zeros(len(seen))
 
 
-def _check_branches(group: _Group, bearings: Sequence[Array], widths: Sequence[Array]) -> None:
-    for rows in bearings:
-        if (np.diff(rows) < 0).any() or (rows < 0).any() or (rows > 2.0 * np.pi).any():
-            raise group.fault("branch_bearings", "are not ascending from 0 to 2 pi")
-    if any((rows < 0).any() for rows in widths):
-        raise group.fault("branch_widths", "holds a negative width")
+def _check_ranges(group: Group, columns: IntersectionColumns) -> None:
+    if ((columns.quality < 0.0) | (columns.quality > 1.0)).any():
+        raise group.fault("quality", "is not between 0 and 1")
+    bearings = columns.branch_bearings
+    owner = np.repeat(np.arange(len(columns)), columns.branch_counts)
+    falls = (np.diff(bearings) < 0.0) & (np.diff(owner) == 0)
+    if falls.any() or (bearings < 0.0).any() or (bearings > 2.0 * np.pi).any():
+        raise group.fault("branch_bearings", "are not ascending from 0 to 2 pi")
 
 
-def _read_contours(group: _Group, n: int) -> list[WallContour]:
-    shape = group.column("cwc", np.float32, (n, None, None)).shape
-    shapes = {1: (n, shape[2]), 2: shape}
-    columns = {name: group.column(name, dtype, shapes[rank]) for name, dtype, rank in _CONTOUR_COLUMNS}
+def _check_contour_shapes(group: Group, n: int) -> None:
+    _, layers, sectors = group.shape("cwc", np.float32, (n, None, None))
+    group.shape("cwc_observed", np.bool_, (n, layers, sectors))
+    for name in ("pwcv", "pwcv_observed"):
+        group.shape(name, _CONTOUR_TYPES[name], (n, sectors))
+
+
+def _read_contours(group: Group, n: int) -> WallContour:
+    contours = WallContour(
+        group.column("pwcv", np.float32, (n, None)),
+        group.column("pwcv_observed", np.bool_, (n, None)),
+        group.column("cwc", np.float32, (n, None, None)),
+        group.column("cwc_observed", np.bool_, (n, None, None)),
+    )
     for name in ("pwcv", "cwc"):
-        if (columns[name] < 0).any():
+        if (getattr(contours, name) < 0.0).any():
             raise group.fault(name, "holds a negative distance")
-    return [WallContour(**{name: values[k] for name, values in columns.items()}) for k in range(n)]
+    return contours
 
 
-def _read_roadways(group: _Group, ids: set[int]) -> RoadwayGraph:
+def _read_roadways(group: Group, ids: NDArray[np.int64], version: int) -> RoadwayGraph:
     node_p_map = group.column("node_p_map", np.float64, (None, 3))
     node_intersection = group.column("node_intersection", np.int64, (len(node_p_map),))
-    if not set(node_intersection.tolist()) <= ids | {-1}:
+    if not np.isin(node_intersection, np.append(ids, -1)).all():
         raise group.fault("node_intersection", "names an intersection that is not there")
     edge_nodes = group.column("edge_nodes", np.int64, (None, 2))
     if ((edge_nodes < 0) | (edge_nodes >= len(node_p_map))).any():
         raise group.fault("edge_nodes", "names a node that is not there")
     n = len(edge_nodes)
-    length, width = (
-        group.column("edge_length", np.float64, (n,)),
-        group.column("edge_width", np.float64, (n,)),
+    points = group.column("axis_points", np.float64, (None, 3))
+    offsets = group.offsets("axis", n, "points", len(points))
+    axes = Ragged(points, offsets)
+    known = version > 1
+    profile = group.at_least_0("axis_profile", (len(points), 2)) if known else np.zeros((len(points), 2))
+    return RoadwayGraph(
+        node_p_map=node_p_map,
+        node_intersection=node_intersection,
+        node_kind=_read_node_kinds(group, node_intersection, version),
+        edge_nodes=edge_nodes,
+        edge_length=group.at_least_0("edge_length", (n,)),
+        edge_width=group.at_least_0("edge_width", (n,)),
+        edge_height=group.at_least_0("edge_height", (n,)) if known else np.zeros(n),
+        edge_slope=group.column("edge_slope", np.float64, (n,)) if known else np.array([axis_slope(a) for a in axes]),
+        edge_axes=axes,
+        edge_profiles=Ragged(profile, offsets),
     )
-    if (length < 0).any() or (width < 0).any():
-        raise group.fault("edge_length", "or edge_width holds a negative number")
-    axes = group.ragged("axis", "points", np.float64, n, (3,))
-    return RoadwayGraph(node_p_map, node_intersection, edge_nodes, length, width, tuple(axes))
+
+
+def _read_node_kinds(group: Group, node_intersection: NDArray[np.int64], version: int) -> NDArray[np.str_]:
+    if version == 1:
+        return np.where(node_intersection < 0, "dead_end", "intersection")
+    kinds = group.kinds("node_kind", len(node_intersection), NODE_KINDS)
+    if ((kinds == "intersection") != (node_intersection >= 0)).any():
+        raise group.fault("node_kind", "does not agree with node_intersection")
+    return kinds

@@ -44,6 +44,10 @@ class CloudError(SemmapError):
     """A point cloud is empty, not finite, or lacks a field."""
 
 
+class BuildError(SemmapError):
+    """A build cannot go on: its work directory, workers or scheduler fail. What is finished of it is kept."""
+
+
 class DatabaseError(SemmapError):
     """A file is not a semantic database, or not one this version reads."""
 

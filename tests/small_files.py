@@ -61,7 +61,7 @@ def _intersection(id: int, p_map: np.ndarray, kind: str) -> Intersection:
     contour = WallContour(pwcv, seen, np.tile(pwcv, (layers, 1)), np.tile(seen, (layers, 1)))
     cloud = rng.normal(0.0, 3.0, (200, 3)).astype(np.float32)
     bearings = {"T": [0.1, 2.0, 4.0], "X": [0.1, 1.6, 3.2, 4.8]}[kind]
-    return Intersection(id, p_map, kind, np.array(bearings), np.full(len(bearings), 4.0), contour, cloud)
+    return Intersection(id, p_map, kind, np.array(bearings), np.full(len(bearings), 4.0), 0.9, contour, cloud)
 
 
 def small_map() -> SemanticMap:
@@ -70,10 +70,14 @@ def small_map() -> SemanticMap:
     graph = RoadwayGraph(
         node_p_map=p,
         node_intersection=np.array([3, 8, -1]),
+        node_kind=np.array(["intersection", "intersection", "dead_end"]),
         edge_nodes=np.array([[0, 1], [1, 2]]),
         edge_length=np.linalg.norm(np.diff(p, axis=0), axis=1),
         edge_width=np.array([4.0, 4.0]),
+        edge_height=np.array([3.0, 0.0]),
+        edge_slope=np.zeros(2),
         edge_axes=(p[:2], p[1:]),
+        edge_profiles=(np.array([[4.0, 3.0], [4.0, 3.0]]), np.array([[4.0, 0.0], [4.0, 0.0]])),
     )
     intersections = (_intersection(3, p[0], "T"), _intersection(8, p[1], "X"))
     settings = MapSettings().model_dump(mode="json")

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import yaml
-from small_files import RIG, write_recording
+from small_files import RIG, small_map, write_recording
 
+from maps.settings import MapSettings
 from semmap import database
 from semmap.geometry import se3
 from semmap.intersections import SemanticMap
@@ -32,6 +34,10 @@ class Bench:
         """A good command line, with some of its parts replaced."""
         parts = {"recording": self.recording, "rig": self.rig, "map": self.map, "out": self.path / "out"} | other
         return ["localize", str(parts.pop("recording")), *(f"--{key}={value}" for key, value in parts.items())]
+
+    def merge(self, other: Path, first: Path | None = None) -> list[str]:
+        """Merge another database into the good one, or into ``first``."""
+        return ["merge", str(first or self.map), str(other), f"--out={self.path / 'out.h5'}"]
 
     def write(self, name: str, content: str | bytes) -> Path:
         """A file of this content."""
@@ -89,6 +95,25 @@ def _run_later_than_the_truth(bench: Bench) -> list[str]:
     return ["evaluate", str(bench.path / "run"), f"--truth={bench.truth}"]
 
 
+def _newer_database(bench: Bench) -> Path:
+    path = bench.write("newer.h5", bench.map.read_bytes())
+    with h5py.File(path, "r+") as file:
+        file.attrs["schema_version"] = 3
+    return path
+
+
+def _database_of(bench: Bench, **fields: object) -> Path:
+    """The good database with other fields."""
+    path = bench.path / ("other.h5" if fields != {"crs": "EPSG:1"} else "first.h5")
+    database.save(replace(small_map(), **fields), path)
+    return path
+
+
+def _database_with(bench: Bench, **settings: object) -> Path:
+    """The good database, made with other settings."""
+    return _database_of(bench, settings=MapSettings.model_validate(settings).model_dump(mode="json"))
+
+
 def _build(name: str, content: str | bytes) -> Callable[[Bench], list[str]]:
     return lambda bench: ["build", str(bench.write(name, content)), f"--out={bench.path / 'out.h5'}"]
 
@@ -135,6 +160,26 @@ FAULTS: dict[str, tuple[Callable[[Bench], list[str]], tuple[str, ...]]] = {
     ),
     "no settings": (lambda b: [*b.localize(), "--config", "no.yaml"], ("no.yaml",)),
     "info of no database": (lambda b: ["info", str(b.rig)], ("rig.yaml",)),
+    "info of a newer database": (
+        lambda b: ["info", str(_newer_database(b))],
+        ("newer.h5", "schema version 3", "1 to 2"),
+    ),
+    "merge with nothing": (lambda b: b.merge(b.path / "no.h5"), ("no.h5", "no such file")),
+    "merge with text": (lambda b: b.merge(b.write("a.h5", "hello")), ("a.h5", "semmap build")),
+    "merge of other settings": (
+        lambda b: b.merge(_database_with(b, contour={"radius": 10.0})),
+        ("other.h5", "settings.contour.radius", "10.0", "12.0"),
+    ),
+    "merge of another frame": (lambda b: b.merge(_database_of(b, frame="mine")), ("other.h5", "frame", "mine")),
+    "merge of another crs": (lambda b: b.merge(_database_of(b, crs="EPSG:2"), _database_of(b, crs="EPSG:1")), ("crs",)),
+    "merge that cannot align": (lambda b: [*b.merge(b.map), "--align"], ("align", "too few")),
+    "merge into a directory": (
+        lambda b: ["merge", str(b.map), str(b.map), f"--out={b.path}"],
+        ("directory", "--out"),
+    ),
+    "export of nothing": (lambda b: ["export", str(b.map)], ("--geojson", "--graphml")),
+    "export of no database": (lambda b: ["export", str(b.rig), f"--geojson={b.path / 'a.json'}"], ("rig.yaml",)),
+    "export to a directory": (lambda b: ["export", str(b.map), f"--graphml={b.path}"], ("directory",)),
     "report of no database": (lambda b: ["report", str(b.rig), f"--out={b.path / 'r.html'}"], ("rig.yaml",)),
     "report of nothing": (lambda b: ["report", str(b.path / "no"), f"--out={b.path / 'r.html'}"], ("no",)),
     "report of no run": (lambda b: ["report", str(b.path), f"--out={b.path / 'r.html'}"], ("semmap localize",)),

@@ -12,12 +12,15 @@ ROOMS = ("semmap", "descriptors", "maps", "localize", "tools")
 """From the ground up: a room may import itself and the rooms before it."""
 
 DOORS = {
-    "h5py": ("semmap/database.py",),
+    "h5py": ("semmap/hdf5.py",),
     "rosbags": ("semmap/recordings.py",),
     "gtsam": ("localize/graph.py",),
-    "laspy": ("maps/",),
-    "pye57": ("maps/",),
-    "matplotlib": ("tools/report/",),
+    "laspy": ("maps/las.py",),
+    "pye57": ("maps/e57.py",),
+    "dask": ("maps/engine.py",),
+    "distributed": ("maps/engine.py",),
+    "matplotlib": ("tools/report/", "tools/bench/"),
+    "networkx": ("tools/export.py",),
     "typer": ("tools/cli.py",),
     "rich": ("tools/",),
 }

@@ -133,24 +133,78 @@ def simulate(
 
 @app.command(epilog=EPILOG)
 def build(
-    maps: Annotated[list[Path], typer.Argument(metavar="MAP...", help="Point clouds: PCD, PLY, LAS, LAZ, E57.")],
+    maps: Annotated[list[Path], typer.Argument(metavar="MAP...", help="Point clouds: PCD, PLY, LAS, LAZ, COPC, E57.")],
     out: Annotated[Path, typer.Option(metavar="DB.h5", help="The semantic database to write.")],
+    workers: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Processes on this machine (more than 1: Dask).")
+    ] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="Work on a Dask cluster instead (tcp://HOST:PORT), files on a shared disk."),
+    ] = None,
+    tile: Annotated[
+        float, typer.Option(metavar="METRES", min=1, max=1000, help="Tiles of this size; the result is the same.")
+    ] = 20.0,
 ) -> None:
-    """Build the semantic database of a mine from its point-cloud map."""
+    """Build the semantic database of a mine from its point-cloud map.
+
+    The map may be larger than memory. What is finished is kept in DB.h5.work/ until all is done: after a crash or
+    Ctrl-C the same command goes on from there.
+    """
     from tools.build import build_database
 
-    semantic_map = build_database(maps, out, _common.settings())
+    if scheduler is not None and workers > 1:
+        raise typer.BadParameter("give --workers or --scheduler, not both")
+    semantic_map = build_database(maps, out, _common.settings(), workers=workers, scheduler=scheduler, tile=tile)
     typer.echo(f"{len(semantic_map)} intersections: {out}")
 
 
 @app.command(epilog=EPILOG)
 def info(
     database: Annotated[Path, typer.Argument(metavar="DB.h5", help="A semantic database.")],
+    every: Annotated[bool, typer.Option("--all", help="List every intersection, however many.")] = False,
 ) -> None:
     """Say what is in a semantic database."""
     from tools.info import print_info
 
-    print_info(database)
+    print_info(database, every=every)
+
+
+@app.command(epilog=EPILOG)
+def merge(
+    a: Annotated[Path, typer.Argument(metavar="A.h5", help="The database that is kept up.")],
+    b: Annotated[Path, typer.Argument(metavar="B.h5", help="A newer survey of the same mine, in the same frame.")],
+    out: Annotated[Path, typer.Option(metavar="C.h5", help="The database to write.")],
+    align: Annotated[bool, typer.Option("--align", help="Move B onto A by the shift found between them.")] = False,
+    conflicts: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="All pairs and conflicts as JSON; by default C.merge.json beside C.h5."),
+    ] = None,
+) -> None:
+    """Merge two surveys of one mine.
+
+    Intersections of both are recognised and keep A's ids, new ones and new roadways are added; where the surveys do
+    not agree, a table says what was kept and why.
+    """
+    from tools.merge import merge_databases, outcome, print_merge
+
+    result, record = merge_databases(a, b, out, _common.settings(), align=align, record=conflicts)
+    print_merge(result, record)
+    typer.echo(f"{outcome(result)}: {out}")
+
+
+@app.command(epilog=EPILOG)
+def export(
+    database: Annotated[Path, typer.Argument(metavar="DB.h5", help="A semantic database.")],
+    geojson: Annotated[Path | None, typer.Option(metavar="FILE", help="Points and lines, for maps and GIS.")] = None,
+    graphml: Annotated[Path | None, typer.Option(metavar="FILE", help="The roadway graph, for graph tools.")] = None,
+) -> None:
+    """Write a semantic database for other programs, in map coordinates."""
+    from tools.export import export_database, outcome
+
+    semantic_map = export_database(database, geojson=geojson, graphml=graphml)
+    written = ", ".join(str(file) for file in (geojson, graphml) if file is not None)
+    typer.echo(f"{outcome(semantic_map)}: {written}")
 
 
 @app.command(epilog=EPILOG)

@@ -7,6 +7,7 @@ from pathlib import Path
 from pydantic import Field, NonNegativeInt
 
 from localize.settings import LocalizeSettings
+from maps.merge import MergeSettings
 from maps.settings import MapSettings
 from semmap.settings import Settings
 from tools.simulator.settings import SimulationSettings
@@ -18,6 +19,7 @@ class ToolSettings(Settings):
     seed: NonNegativeInt = 0
     """For everything random; `--seed` goes before it."""
     map: MapSettings = Field(default_factory=MapSettings)
+    merge: MergeSettings = Field(default_factory=MergeSettings)
     localize: LocalizeSettings = Field(default_factory=LocalizeSettings)
     simulate: SimulationSettings = Field(default_factory=SimulationSettings)
 

@@ -1,4 +1,4 @@
-"""Similarity: its formula, its yaw, what it does not see, and the index of a whole map."""
+"""Similarity: its formula, its yaw, and what it does not see."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from descriptors.index import ContourIndex
 from descriptors.settings import ContourSettings
-from descriptors.similarity import completeness, scores_by_yaw, similarity, spectrum
+from descriptors.similarity import Descriptor, completeness, scores_by_yaw, similarity, spectrum
 from semmap.geometry import Array
 from semmap.intersections import WallContour
 
@@ -132,53 +131,15 @@ def test_completeness_counts_sectors_with_a_wall() -> None:
     assert completeness(whole, blank) == 0.0
 
 
-def test_the_index_is_the_exhaustive_search() -> None:
-    stored = [contour(seed) for seed in range(30)]
-    index = ContourIndex(stored, SETTINGS)
-    query = rolled(contour(7, seen=0.8), 20)
-    one_by_one = [similarity(query, other, SETTINGS) for other in stored]
-    assert_allclose(index.similarities(query), [s.score for s in one_by_one], atol=1e-5)
-    best = index.best(query, 5)
-    order = np.argsort([-s.score for s in one_by_one], kind="stable")[:5]
-    assert [match.row for match in best] == order.tolist()
-    assert best[0].row == 7
-    for match in best:
-        assert_allclose(match.pwcv, one_by_one[match.row].score, atol=1e-5)
-        assert_allclose(match.yaw, one_by_one[match.row].yaw, atol=1e-3)
-        assert match.completeness == completeness(query, stored[match.row])
-        assert match.cwc <= similarity(query, stored[match.row], SETTINGS, by="cwc").score + 1e-5
-
-
-def test_the_index_looks_only_where_it_is_allowed() -> None:
-    index = ContourIndex([contour(seed) for seed in range(6)], SETTINGS)
-    allowed = np.array([False, True, False, True, False, False])
-    assert sorted(match.row for match in index.best(contour(0), 9, allowed)) == [1, 3]
-    assert index.best(contour(0), 9, np.zeros(6, bool)) == []
-    assert len(index) == 6
-
-
-def symmetric() -> WallContour:
-    """A crossing that looks the same from both ends."""
-    pwcv = (4.0 + 2.0 * np.cos(4.0 * np.pi * np.arange(72) / 72)).astype(np.float32)
-    seen = np.ones(72, dtype=bool)
-    return WallContour(pwcv, seen, np.repeat(pwcv[None], 3, axis=0), np.repeat(seen[None], 3, axis=0))
-
-
-def test_a_symmetric_crossing_comes_at_both_yaws() -> None:
-    index = ContourIndex([contour(1), symmetric()], SETTINGS)
-    query = rolled(symmetric(), 10)
-    matches = index.turned(query, 0.9, at_most=5)
-    assert [match.row for match in matches] == [1, 1]
-    expected = -2.0 * np.pi * 10 / 72
-    cosines = sorted(float(np.cos(match.yaw - expected)) for match in matches)
-    assert_allclose(cosines, [-1.0, 1.0], atol=1e-5)
-    (match,) = index.turned(query, 0.9, at_most=5, yaw=expected + 0.1)
-    assert_allclose(match.yaw, expected, atol=1e-3)
-    assert len(index.turned(query, 0.9, at_most=1)) == 1
-    assert index.turned(query, 0.9, at_most=5, allowed=np.array([True, False])) == []
-
-
-def test_an_empty_index_has_nothing_to_offer() -> None:
-    index = ContourIndex([], SETTINGS)
-    assert index.best(contour(0), 3) == []
-    assert_array_equal(index.similarities(contour(0)), [])
+@pytest.mark.parametrize("by", ["pwcv", "cwc"])
+def test_what_stands_beside_a_contour_does_not_change_its_scores(by: Descriptor) -> None:
+    stack = WallContour.stacked([contour(seed, seen=0.5 + 0.02 * seed) for seed in range(21)])
+    of_query = spectrum(contour(50, seen=0.7), SETTINGS, by)
+    together = scores_by_yaw(of_query, spectrum(stack, SETTINGS, by))
+    for rows in ([3], [0, 20], [5, 6, 7, 8], list(range(17))):
+        some = scores_by_yaw(of_query, spectrum(stack.at(np.array(rows)), SETTINGS, by))
+        assert_array_equal(some[0], together[0][rows])
+        assert_array_equal(some[1], together[1][rows])
+    for row in range(21):
+        alone = scores_by_yaw(of_query, spectrum(stack.at(row), SETTINGS, by))
+        assert_array_equal(alone[0], together[0][row])

@@ -35,7 +35,7 @@ def crossing(rng, bearings, length=14.0):
 
 def intersection(cloud):
     contour = WallContour(_NONE, _NONE.astype(bool), _NONE[None], _NONE[None].astype(bool))
-    return Intersection(3, P_MAP, "T", np.zeros(3), np.zeros(3), contour, cloud.astype(np.float32))
+    return Intersection(3, P_MAP, "T", np.zeros(3), np.zeros(3), 1.0, contour, cloud.astype(np.float32))
 
 
 T_BEARINGS = np.radians([0.0, 95.0, 185.0])

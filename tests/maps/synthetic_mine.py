@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from skimage.measure import find_contours
 
-from maps.free_space import View
+from maps.views import View
 from semmap.geometry import Array
 
 

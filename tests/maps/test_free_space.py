@@ -1,136 +1,136 @@
-"""Free space: the same from a dense cloud and from views; what bounds it; the kernels behind it."""
+"""Floor cells: distances, walks and look-ups on one level against rasters, and on several levels."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
-from synthetic_mine import SyntheticMine, straight, t_junction
+from scipy import ndimage
 
-from maps._numba_rays import FREE, UNKNOWN, WALL, march, mark_seen
-from maps.free_space import FreeSpace, View, free_space_of_views, split_ground_and_walls
-from maps.settings import FreeSpaceSettings
-from semmap.errors import CloudError
+from maps._numba_floor import DI, DJ, UNKNOWN, WALL
+from maps._numba_rays import FREE
+from maps._numba_rays import UNKNOWN as UNSEEN
+from maps._numba_rays import WALL as ROCK
+from maps.free_space import FreeSpace
 from semmap.geometry import Array
 
-SETTINGS = FreeSpaceSettings()
+CELL = 0.2
 
 
-def truth_of(mine: SyntheticMine, space: FreeSpace) -> Array:
-    """How far inside the mine the centre of each cell is, (nx, ny)."""
-    ij = np.stack(np.meshgrid(*(np.arange(n) for n in space.grid.shape), indexing="ij"), axis=-1).reshape(-1, 2)
-    return mine.inside(space.grid.centres(ij) @ mine.R).reshape(space.grid.shape)
+def random_cells(seed: int) -> NDArray[np.uint8]:
+    """A raster of wide free space with rock and unseen patches in it."""
+    rng = np.random.default_rng(seed)
+    rough = ndimage.gaussian_filter(rng.normal(size=(90, 70)), 3.0)
+    cells = np.where(rough > 0.05, np.uint8(ROCK), np.uint8(FREE))
+    cells[ndimage.gaussian_filter(rng.normal(size=cells.shape), 4.0) > 0.1] = UNSEEN
+    cells[[0, -1]] = cells[:, [0, -1]] = UNSEEN
+    return cells
 
 
-@pytest.mark.parametrize("width", [2.5, 4.0, 8.0])
-def test_free_cells_are_the_roadway(width: float) -> None:
-    mine = t_junction(width).turned(0.3)
-    space = split_ground_and_walls(mine.cloud(), SETTINGS)
-    depth = truth_of(mine, space)
-    assert space.free[depth > 0.35].all()
-    assert not space.free[depth < -0.15].any()
-    assert not space.frontier().any()
+def space_of(cells: NDArray[np.uint8], slope: float = 0.0) -> FreeSpace:
+    height = slope * CELL * np.arange(cells.shape[0])[:, None] + np.zeros(cells.shape)
+    return FreeSpace.from_raster(cells, height, cell=CELL, corner=(-3.0, 7.0))
 
 
-@pytest.mark.parametrize("spacing", [0.2, 0.35])
-def test_thin_sampling_leaves_no_holes(spacing: float) -> None:
-    mine = t_junction()
-    space = split_ground_and_walls(mine.cloud(spacing), SETTINGS)
-    depth = truth_of(mine, space)
-    assert space.free[depth > 0.6].mean() > 0.995
-    assert space.free[depth < -0.3].mean() < 0.001
+def stacked(below: FreeSpace, above: FreeSpace, rise: float, headroom: float) -> FreeSpace:
+    """Two levels as one space."""
+    ij = np.vstack([below.ij, above.ij])
+    height = np.concatenate([below.height, above.height + np.float32(rise)])
+    order = np.lexsort((height, ij[:, 1], ij[:, 0]))
+    row = np.argsort(order).astype(np.int32)
+    shifted = np.where(above.neighbours >= 0, above.neighbours + len(below), above.neighbours)
+    old = np.vstack([below.neighbours, shifted])[order]
+    neighbours = np.where(old >= 0, row[old], old).astype(np.int32)
+    roof = np.full(len(ij), headroom, np.float32)
+    return FreeSpace.of_cells(CELL, below.corner, ij[order], height[order], roof, neighbours)
 
 
-def test_clutter_is_no_wall_and_a_pillar_is() -> None:
-    cloud = straight(8.0).cloud()
-    rng = np.random.default_rng(1)
-
-    def block(x: float, side: float) -> tuple[Array, NDArray[np.bool_]]:
-        under = (np.abs(cloud[:, 0] - x) < 0.5 * side) & (np.abs(cloud[:, 1]) < 0.5 * side)
-        points = rng.uniform([x - side / 2, -side / 2, 0.0], [x + side / 2, side / 2, 3.0], (6000, 3))
-        return points, under
-
-    post, under_post = block(-10.0, 1.2)
-    pillar, under_pillar = block(10.0, 3.0)
-    space = split_ground_and_walls(np.vstack([cloud[~under_post & ~under_pillar], post, pillar]), SETTINGS)
-    assert space.clearance_at(np.array([-10.0, 0.0])) > 3.0
-    assert space.clearance_at(np.array([10.0, 0.0])) == 0.0
+@pytest.mark.parametrize("seed", range(5))
+def test_clearance_is_the_euclidean_distance_transform(seed: int) -> None:
+    cells = random_cells(seed)
+    space = space_of(cells)
+    exact = ndimage.distance_transform_edt(cells == FREE)[tuple(space.ij.T)] * CELL
+    assert (space.clearance >= exact - 1e-5).all()
+    assert_allclose(space.clearance, exact, atol=0.15 * CELL)
+    assert (np.abs(space.clearance - exact) < 1e-5).mean() > 0.999
 
 
-def test_views_show_the_free_space_of_the_map_as_far_as_they_see() -> None:
-    mine = replace(t_junction(), slope=(0.1, 0.05), yaw=1.0)
-    whole = truth_of(mine, seen := free_space_of_views([mine.view((x, 0.3)) for x in (-4, -2, 0)], SETTINGS))
-    assert not seen.free[whole < -0.15].any()
-    near = np.hypot(*np.moveaxis(plan_of(mine, seen), -1, 0)) < 8.0
-    assert seen.free[(whole > 0.35) & near].all()
+def test_neighbours_are_mutual_and_next_door() -> None:
+    space = space_of(random_cells(1))
+    rows, k = np.nonzero(space.neighbours >= 0)
+    others = space.neighbours[rows, k]
+    assert_array_equal(space.ij[others] - space.ij[rows], np.column_stack([DI[k], DJ[k]]))
+    assert_array_equal(space.neighbours[others, (k + 4) % 8], rows)
 
 
-def plan_of(mine: SyntheticMine, space: FreeSpace) -> Array:
-    ij = np.stack(np.meshgrid(*(np.arange(n) for n in space.grid.shape), indexing="ij"), axis=-1)
-    return (space.grid.centres(ij.reshape(-1, 2)) @ mine.R).reshape(*space.grid.shape, 2)
+@pytest.mark.parametrize("seed", range(3))
+def test_sight_is_a_march_through_the_raster(seed: int) -> None:
+    cells, rng = random_cells(seed), np.random.default_rng(seed)
+    space = space_of(cells, slope=0.2)
+    p = space.centres(rng.choice(len(space), 300)) + [*rng.uniform(-0.09, 0.09, 2), 0.3]
+    angle = rng.uniform(-4.0, 7.0, 300)
+    sight = space.sight(p, angle, 8.0)
+    steps = np.arange(0.0, 8.0 / CELL, 0.25)
+    beside_rock = np.pad(ndimage.binary_dilation(cells == ROCK, np.ones((3, 3))), 50)
+    padded = np.pad(cells, 50, constant_values=UNSEEN)
+    for k, (x, y) in enumerate((p[:, :2] - space.corner) / CELL):
+        i, j = np.floor([x + steps * np.cos(angle[k]), y + steps * np.sin(angle[k])]).astype(int) + 50
+        stop = np.flatnonzero(padded[i, j] != FREE)
+        assert sight.distance[k] == pytest.approx(steps[stop[0]] * CELL if len(stop) else 8.0)
+        assert sight.at_wall[k] == (len(stop) > 0 and beside_rock[i[stop[0]], j[stop[0]]])
 
 
-def test_a_shadow_ends_at_a_frontier_and_not_at_a_wall() -> None:
-    mine = t_junction()
-    space = free_space_of_views([mine.view((-8.0, 0.0))], SETTINGS)
-    down_the_side_road = space.sight(np.array([[0.5, -1.0], [0.5, 0.0]]), np.array([-np.pi / 2, np.pi / 2]), 15.0)
-    assert_array_equal(down_the_side_road.at_wall, [False, True])
-    assert down_the_side_road.distance[0] < 10.0
+def test_nothing_is_in_sight_off_the_floor() -> None:
+    sight = space_of(random_cells(0)).sight(np.array([[-50.0, 0.0, 0.0]]), np.zeros(1), 5.0)
+    assert (sight.distance[0], sight.at_wall[0]) == (0.0, False)
+
+
+def test_the_frontier_is_beside_unseen_cells_away_from_walls() -> None:
+    cells = random_cells(2)
+    space = space_of(cells)
+    eight = np.ones((3, 3), bool)
+    unseen = (cells == UNSEEN) & ~ndimage.binary_dilation(cells == ROCK, eight)
+    assert_array_equal(space.frontier(), ndimage.binary_dilation(unseen, eight)[tuple(space.ij.T)])
     assert space.frontier().any()
 
 
-def test_sight_measures_the_walls() -> None:
-    space = split_ground_and_walls(straight(5.0).cloud(), SETTINGS)
-    angles = np.linspace(0.3, np.pi - 0.3, 40)
-    sight = space.sight(np.zeros((40, 2)), angles, 30.0)
-    assert sight.at_wall.all()
-    assert_allclose(sight.distance, 2.5 / np.sin(angles), atol=0.35)
-    clipped = space.sight(np.zeros((1, 2)), np.array([0.0]), 10.0)
-    assert clipped.distance[0] == 10.0
-    assert not clipped.at_wall[0]
+def levels() -> tuple[FreeSpace, FreeSpace]:
+    """A flat level, and one 4 m above it that climbs along x; both 10 m by 10 m with walls around."""
+    cells = np.full((52, 52), ROCK, np.uint8)
+    cells[1:-1, 1:-1] = FREE
+    return space_of(cells), space_of(cells, slope=0.25)
 
 
-def test_views_without_points_near_the_sensor_are_refused() -> None:
-    for views in ([], [View(np.zeros((0, 3)), np.zeros(3))], [View(np.full((5, 3), 99.0), np.zeros(3))]):
-        with pytest.raises(CloudError):
-            free_space_of_views(views, SETTINGS)
+def test_levels_above_each_other_do_not_touch() -> None:
+    flat, ramp = levels()
+    both = stacked(flat, ramp, 4.0, 3.0)
+    assert_allclose(np.sort(both.clearance), np.sort(np.concatenate([flat.clearance, ramp.clearance])))
+    middle = both.corner + 26 * CELL
+    below, above = np.append(middle, 0.4), np.append(middle, 5.4)
+    rows = both.find(np.array([below, above, np.append(middle, 2.9), [-50.0, 0.0, 0.0]]))
+    assert_allclose(both.height[rows[:2]], [0.0, 4.0 + 0.25 * 26 * CELL])
+    assert_array_equal(rows[2:], -1)
+    for p, level in ((below, flat), (above, ramp)):
+        near = both.around(p, 2.5)
+        assert_allclose(
+            both.centres(near)[:, :2], level.centres(level.around(p - [0, 0, p[2] - level.height[0]], 2.5))[:, :2]
+        )
+        assert abs(len(near) * CELL**2 - np.pi * 2.5**2) < 0.5
+        assert both.clearance_at(p) == pytest.approx(5.0, abs=0.15)
 
 
-def test_march_agrees_with_a_walk_in_plain_numpy() -> None:
-    rng = np.random.default_rng(5)
-    cells = rng.choice(np.array([UNKNOWN, FREE, FREE, FREE, FREE, FREE, WALL], np.uint8), (40, 30))
-    x, y, angle = rng.uniform(0, 40, 300), rng.uniform(0, 30, 300), rng.uniform(0, 7, 300)
-    distance, at_wall = np.empty(300), np.empty(300, dtype=bool)
-    march(cells, x, y, angle, 12.0, distance, at_wall)
-    padded = np.pad(cells, 2, constant_values=UNKNOWN)
-    for k in range(300):
-        steps = 0.25 * np.arange(48)
-        i = np.floor(x[k] + steps * np.cos(angle[k])).astype(int).clip(-2, 41) + 2
-        j = np.floor(y[k] + steps * np.sin(angle[k])).astype(int).clip(-2, 31) + 2
-        stop = np.flatnonzero(padded[i, j] != FREE)
-        if not len(stop):
-            assert (distance[k], at_wall[k]) == (12.0, False)
-            continue
-        a, b = i[stop[0]], j[stop[0]]
-        assert distance[k] == steps[stop[0]]
-        assert at_wall[k] == (padded[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2] == WALL).any()
+def test_clearance_between_cells_is_linear() -> None:
+    flat, _ = levels()
+    p = np.column_stack([np.linspace(-2.7, 0.0, 30), np.full(30, 12.0), np.zeros(30)])
+    expected: Array = p[:, 0] + 3.0 - 0.5 * CELL
+    assert_allclose([flat.clearance_at(one) for one in p], expected, atol=1e-5)
 
 
-def test_mark_seen_agrees_with_rays_in_plain_numpy() -> None:
-    rng = np.random.default_rng(6)
-    wall = rng.random((30, 30)) < 0.05
-    reach = rng.uniform(0.0, 20.0, 64)
-    free = np.zeros_like(wall)
-    mark_seen(free, wall, 15.3, 14.8, reach)
-    expected = np.zeros_like(wall)
-    for k, length in enumerate(reach):
-        for step in range(int(2.0 * length) + 1):
-            angle = 2.0 * np.pi * (k + 0.5) / 64
-            i, j = int(np.floor(15.3 + 0.5 * step * np.cos(angle))), int(np.floor(14.8 + 0.5 * step * np.sin(angle)))
-            if not (0 <= i < 30 and 0 <= j < 30) or wall[i, j]:
-                break
-            expected[i, j] = True
-    assert_array_equal(free, expected)
+def test_walls_and_unseen_are_told_apart() -> None:
+    cells = np.full((5, 5), UNSEEN, np.uint8)
+    cells[2, 2], cells[2, 3] = FREE, ROCK
+    one = space_of(cells).neighbours[0]
+    assert set(one.tolist()) == {WALL, UNKNOWN}
+    assert one[0] == WALL
+    assert_array_equal(one == WALL, DJ >= 0)

@@ -10,9 +10,9 @@ from synthetic_mine import SyntheticMine, straight, t_junction, y_junction
 
 from descriptors.similarity import similarity
 from maps.build import build_semantic_map
-from maps.free_space import View
 from maps.observe import ObservedIntersection, observe_intersections
 from maps.prior_map import PriorMap
+from maps.views import View
 from semmap.geometry import Array, yaw_rotation
 from semmap.intersections import Intersection
 

@@ -2,17 +2,21 @@
 
 import hashlib
 import shutil
+import struct
 from pathlib import Path
 
 import laspy
+import lazrs
 import numpy as np
 import pye57
 import pytest
-from laspy.vlrs.known import GeoKeyDirectoryVlr
+from laspy.vlrs.known import GeoKeyDirectoryVlr, LasZipVlr
 from numpy.testing import assert_allclose, assert_array_equal
 
 from maps._numba_lzf import lzf_decompress
-from maps.prior_map import PriorMap, read_prior_map, save_laz
+from maps.e57 import from_spherical
+from maps.las import save_laz
+from maps.prior_map import Piece, PriorMap, blocks, read_prior_map, survey
 from semmap.errors import CloudError, InputFileError, SemmapError
 from semmap.geometry import so3_exp
 
@@ -129,6 +133,32 @@ def write_e57(path: Path, scans) -> Path:
     return path
 
 
+def write_copc(path: Path, points: np.ndarray) -> Path:
+    """LAZ as COPC lays it out: chunks of varying size, an info record first, and a hierarchy record at the end."""
+    las = laspy.LasData(laspy.LasHeader(version="1.4", point_format=6))
+    las.header.scales = np.full(3, 1e-3)
+    las.x, las.y, las.z = points.T
+    las.update_header()
+    packing = lazrs.LazVlr.new_for_compression(6, 0, True)
+    las.header.vlrs.append(laspy.VLR("copc", 1, "COPC info", bytes(160)))
+    las.header.vlrs.append(LasZipVlr(bytes(packing.record_data())))
+    las.header.are_points_compressed = True
+    las.header.number_of_evlrs = 1
+    with path.open("wb") as file:
+        las.header.write_to(file)
+        compressor = lazrs.LasZipCompressor(file, packing)
+        compressor.reserve_offset_to_chunk_table()
+        for part in np.split(las.points.array, [100, 101, 700]):
+            compressor.compress_many(np.frombuffer(part.tobytes(), np.uint8))
+            compressor.finish_current_chunk()
+        compressor.done()
+        las.header.start_of_first_evlr = file.tell()
+        file.write(struct.pack("<H16sHQ32s", 0, b"copc", 1000, 32, b"") + bytes(32))
+        file.seek(0)
+        las.header.write_to(file)
+    return path
+
+
 FORMATS = {
     "laz": lambda p, x: save_laz(p.with_suffix(".laz"), x) or p.with_suffix(".laz"),
     "las": lambda p, x: save_laz(p.with_suffix(".las"), x) or p.with_suffix(".las"),
@@ -191,6 +221,38 @@ class TestFormats:
         prior = read_prior_map(write_e57(tmp_path / "c.e57", scans))
         assert_allclose(coordinates_of(prior), points, rtol=0, atol=5e-4)
 
+    def test_e57_points_marked_as_invalid_are_dropped(self, tmp_path):
+        data = {f"cartesian{axis}": np.ascontiguousarray(mine()[:, k]) for k, axis in enumerate("XYZ")}
+        data["cartesianInvalidState"] = (np.arange(N) < 3).astype(np.int8)
+        with pye57.E57(str(tmp_path / "c.e57"), mode="w") as file:
+            file.write_scan_raw(data)
+        prior = read_prior_map(tmp_path / "c.e57")
+        assert prior.n_dropped == 3
+        assert_allclose(prior.points, mine()[3:], atol=1e-4)
+
+    def test_spherical_coordinates(self):
+        points = mine()
+        distance = np.linalg.norm(points, axis=1)
+        azimuth, elevation = np.arctan2(points[:, 1], points[:, 0]), np.arcsin(points[:, 2] / distance)
+        assert_allclose(from_spherical(np.stack([distance, azimuth, elevation], axis=1)), points, atol=1e-12)
+
+    @pytest.mark.parametrize("name", FORMATS)
+    def test_in_blocks_it_is_the_same_cloud(self, tmp_path, name):
+        path = FORMATS[name](tmp_path / "cloud", mine(at=(5_712_345.678, 34_012_345.0, -612.0)))
+        found = survey(path)
+        parts = [points for piece in found.pieces for points, _ in blocks(piece, found.origin, 97)]
+        assert max(map(len, parts)) == 97
+        whole = read_prior_map(path)
+        assert_array_equal(found.origin, whole.origin)
+        assert_array_equal(np.concatenate(parts), whole.points)
+
+    @pytest.mark.parametrize("name", ["laz", "las", "pcd binary", "ply little", "ply big", "ply bare"])
+    def test_pieces_are_read_without_what_is_before_them(self, tmp_path, name):
+        path = FORMATS[name](tmp_path / "cloud", mine())
+        pieces = [Piece(path, low, min(low + 400, N), 0) for low in range(0, N, 400)]
+        found = [points for piece in pieces for points, _ in blocks(piece, np.zeros(3), 150)]
+        assert_array_equal(np.concatenate(found), read_prior_map(path).points)
+
     def test_lzf_copies_runs_that_overlap_themselves(self):
         data = np.frombuffer(b"abc" * 500 + bytes(3000) + bytes(range(256)), np.uint8)
         out = np.empty_like(data)
@@ -229,6 +291,21 @@ class TestOrigin:
 
 
 class TestLaz:
+    def test_a_large_file_comes_in_pieces(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("maps.las.PIECE_POINTS", 60_001)
+        save_laz(tmp_path / "m.laz", mine(200_003))
+        pieces = survey(tmp_path / "m.laz").pieces
+        assert [piece.stop for piece in pieces] == [60_001, 120_002, 180_003, 200_003]
+        assert sum(piece.share for piece in pieces) == (tmp_path / "m.laz").stat().st_size
+        found = [points for piece in pieces for points, _ in blocks(piece, np.zeros(3), 25_000)]
+        assert_allclose(np.concatenate(found), mine(200_003), atol=1e-3)
+
+    def test_copc_with_its_chunks_of_many_sizes_is_read_in_one_go(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("maps.las.PIECE_POINTS", 400)
+        path = write_copc(tmp_path / "m.copc.laz", mine())
+        assert len(survey(path).pieces) == 1
+        assert_allclose(read_prior_map(path).points, mine(), atol=1e-3)
+
     def test_the_same_points_give_the_same_bytes(self, tmp_path):
         for name in "ab":
             save_laz(tmp_path / f"{name}.laz", mine(), crs="LOCAL_CS[]")
@@ -291,10 +368,10 @@ class TestLaz:
 
 def test_points_that_are_not_finite_are_dropped_and_counted(tmp_path):
     points = mine()
-    points[3, 1], points[9] = np.nan, 1e30
+    points[3, 1], points[9], points[11, 0] = np.nan, 1e30, 5e4
     prior = read_prior_map(write_pcd(tmp_path / "c.pcd", xyz_table(points, "f8"), "binary"))
-    assert prior.n_dropped == 2
-    assert_allclose(prior.points, np.delete(points, [3, 9], axis=0), atol=1e-5)
+    assert prior.n_dropped == 3
+    assert_allclose(prior.points, np.delete(points, [3, 9, 11], axis=0), atol=1e-5)
 
 
 def edited(path: Path, old: bytes, new: bytes) -> Path:

@@ -7,24 +7,27 @@ import pytest
 from numpy.testing import assert_allclose
 from synthetic_mine import SyntheticMine, corner, straight, t_junction, x_junction
 
+from maps.columns import columns_of
 from maps.corners import corner_of
-from maps.free_space import free_space_of_views, split_ground_and_walls
+from maps.free_cells import split_ground_and_walls
 from maps.pruning import pruned
 from maps.roadways import Roadway
 from maps.settings import FreeSpaceSettings, TopologySettings
 from maps.topology import Topology, roadway_topology
+from maps.views import free_space_of_views
 from semmap.geometry import Array
 
 SETTINGS = TopologySettings()
 
 
 def topology_of(mine: SyntheticMine) -> Topology:
-    return roadway_topology(split_ground_and_walls(mine.cloud(0.12), FreeSpaceSettings()), SETTINGS)
+    columns = columns_of(mine.cloud(0.12), FreeSpaceSettings())
+    return roadway_topology(split_ground_and_walls(columns, FreeSpaceSettings()), SETTINGS)
 
 
 def road(a: int, b: int, length: float, half_width: float = 2.0) -> Roadway:
     at = np.arange(0.0, length + 0.1, 0.2)
-    return Roadway((a, b), np.stack([at, 0.0 * at], axis=-1), np.full(len(at), half_width))
+    return Roadway((a, b), np.stack([at, 0.0 * at, 0.1 * at], axis=-1), np.full(len(at), half_width))
 
 
 def test_a_straight_roadway_is_one_edge_between_loose_ends() -> None:
@@ -57,21 +60,24 @@ def test_a_loop_around_a_pillar_block_is_kept() -> None:
 
 
 def test_pruning_takes_the_shortest_first_and_joins_what_is_left() -> None:
-    kept = pruned([road(0, 1, 20.0), road(1, 2, 3.0), road(1, 3, 2.0), road(2, 4, 20.0)], frozenset(), SETTINGS)
+    roads = [road(0, 1, 20.0), road(1, 2, 3.0), road(1, 3, 2.0), road(2, 4, 20.0)]
+    kept, niches = pruned(roads, frozenset(), SETTINGS)
     assert len(kept) == 1
+    (niche,) = niches
+    assert 0.0 < niche.standing < 0.3
     assert set(kept[0].nodes) == {0, 4}
     assert len(kept[0].axis) == len(road(0, 1, 20.0).axis) + len(road(1, 2, 3.0).axis) + len(road(2, 4, 20.0).axis) - 2
 
 
 def test_an_end_that_goes_on_unseen_needs_only_leave_its_mouth() -> None:
     roads = [road(0, 1, 20.0), road(1, 2, 20.0), road(1, 3, 5.0)]
-    assert len(pruned(roads, frozenset(), SETTINGS)) == 1
-    assert len(pruned(roads, frozenset({3}), SETTINGS)) == 3
-    assert len(pruned([*roads[:2], road(1, 3, 3.0)], frozenset({3}), SETTINGS)) == 1
+    assert len(pruned(roads, frozenset(), SETTINGS)[0]) == 1
+    assert len(pruned(roads, frozenset({3}), SETTINGS)[0]) == 3
+    assert len(pruned([*roads[:2], road(1, 3, 3.0)], frozenset({3}), SETTINGS)[0]) == 1
 
 
 def test_a_loop_on_a_stem_survives_pruning() -> None:
-    kept = pruned([road(0, 1, 20.0), road(1, 1, 30.0), road(1, 2, 2.0)], frozenset(), SETTINGS)
+    kept, _ = pruned([road(0, 1, 20.0), road(1, 1, 30.0), road(1, 2, 2.0)], frozenset(), SETTINGS)
     assert sorted(r.nodes for r in kept) == [(0, 1), (1, 1)]
 
 
@@ -98,7 +104,7 @@ def turning(turn_deg: float, radius: float) -> Array:
     arc = radius * np.radians(turn_deg)
     s = np.arange(0.0, 40.0, 0.2)
     heading = np.clip((s - 20.0 + 0.5 * arc) / max(arc, 1e-9), 0.0, 1.0) * np.radians(turn_deg)
-    return np.cumsum(0.2 * np.stack([np.cos(heading), np.sin(heading)], axis=-1), axis=0)
+    return np.cumsum(0.2 * np.stack([np.cos(heading), np.sin(heading), 0.1 + 0.0 * s], axis=-1), axis=0)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +112,7 @@ def turning(turn_deg: float, radius: float) -> Array:
 )
 def test_a_corner_is_sharp(turn_deg: float, radius: float, found: bool) -> None:
     axis = turning(turn_deg, radius)
-    found_corner = corner_of(Roadway((0, 1), axis, np.full(len(axis), 2.0)), SETTINGS)
+    found_corner = corner_of(Roadway((0, 1), axis, np.full(len(axis), 2.0)), SETTINGS.corner_deg, SETTINGS)
     assert (found_corner is not None) == found
     if found_corner is not None:
         assert np.linalg.norm(found_corner.p - axis[100]) < 1.0
@@ -129,5 +135,5 @@ def test_the_node_of_a_corner_is_where_the_axes_meet(turn_deg: float) -> None:
     topology = topology_of(corner(turn_deg=turn_deg))
     assert len(topology.corners) == 1
     (node,) = topology.corners
-    assert_allclose(topology.nodes[node], [0.0, 0.0], atol=0.3)
+    assert_allclose(topology.nodes[node], [0.0, 0.0, 0.0], atol=0.3)
     assert len(topology.leaving()[node]) == 2

@@ -34,7 +34,7 @@ from tools.simulator import (
 )
 from tools.simulator.rigs import save_rig
 
-SHORT = SimulationSettings(start_s=1.0, duration_s=3.0, map_spacing=0.4)
+SHORT = SimulationSettings(start_s=1.0, duration_s=3.0, map={"spacing": 0.4})
 FAR = np.array([500_000.0, 4_000_000.0, 200.0])
 
 
@@ -61,7 +61,7 @@ def test_a_built_in_mine_gives_all_files(tmp_path: Path) -> None:
     assert all(a <= b for (a, _), (b, _) in pairwise(reports))
     with (out / "junctions.csv").open() as lines:
         rows = list(csv.DictReader(lines))
-    assert list(rows[0]) == ["id", "x_m", "y_m", "branches", "bearings_deg"]
+    assert list(rows[0]) == ["id", "x_m", "y_m", "branches", "bearings_deg", "z_m"]
     assert [int(row["branches"]) for row in rows] == [len(row["bearings_deg"].split(";")) for row in rows]
 
 
@@ -127,7 +127,7 @@ def test_a_rig_file_with_beacons_from_the_command_line(tmp_path: Path, capsys: p
     axis = mine.scenario.route_floor() + [0.0, 0.0, 1.6]
     rig = with_total_station(with_uwb(default_rig().without("lidar"), mine, axis[15], max_range=40.0), axis[6])
     save_rig(tmp_path / "beacons.yaml", rig)
-    settings = "simulate: {duration_s: 20.0, map_spacing: 0.5, faults: {uwb_outlier_rate: 0}}"
+    settings = "simulate: {duration_s: 20.0, map: {spacing: 0.5}, faults: {uwb_outlier_rate: 0}}"
     (tmp_path / "config.yaml").write_text(settings)
     options = ["--rig", str(tmp_path / "beacons.yaml"), "--config", str(tmp_path / "config.yaml")]
     assert cli.run(["simulate", "drift", *options, "--out", str(tmp_path / "sim")]) == 0
@@ -161,7 +161,7 @@ def test_the_command_line_says_what_a_mesh_does_not_give(
     tmp_path: Path, hall: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     mesh, route = hall
-    (tmp_path / "config.yaml").write_text("simulate: {duration_s: 3.0, map_spacing: 0.5}")
+    (tmp_path / "config.yaml").write_text("simulate: {duration_s: 3.0, map: {spacing: 0.5}}")
     route.write_text("\n".join(line.replace("200.000", "197.5") for line in route.read_text().splitlines()))
     args = ["simulate", str(mesh), "--route", str(route), "--config", str(tmp_path / "config.yaml")]
     assert cli.run([*args, "--out", str(tmp_path / "sim")]) == 0

@@ -35,7 +35,7 @@ def database_page(semantic_map: SemanticMap, name: str) -> str:
 def _figures(semantic_map: SemanticMap) -> dict[str, str]:
     lengths = semantic_map.roadways.edge_length
     ends = int(np.count_nonzero(semantic_map.roadways.node_intersection < 0))
-    points = sum(len(one.cloud) for one in semantic_map.intersections)
+    points = int(semantic_map.columns.cloud_sizes.sum())
     return {
         "intersections": str(len(semantic_map)),
         "roadways": str(len(lengths)),
@@ -55,10 +55,9 @@ def _contours(semantic_map: SemanticMap) -> str:
 def _similarity(semantic_map: SemanticMap) -> str:
     if len(semantic_map) < 2:
         return ""
-    contours = [one.contour for one in semantic_map.intersections]
-    index = ContourIndex(contours, _contour_settings(semantic_map))
-    matrix = np.array([index.similarities(contour) for contour in contours])
-    picture = similarity_picture(matrix, [one.id for one in semantic_map.intersections])
+    contours = semantic_map.contours
+    matrix = ContourIndex(contours, _contour_settings(semantic_map)).similarities(contours)
+    picture = similarity_picture(matrix, semantic_map.columns.id.tolist())
     words = "1 means alike at the best rotation. Bright places off the diagonal are easy to confuse."
     return figure(picture, words, narrow=True)
 

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from tools.simulator.roadways import MineScenario, Roadway
     from tools.simulator.route import load_route
     from tools.simulator.scenarios import SCENARIOS, plan
-    from tools.simulator.settings import MotionSettings, SensorFaults, SimulationSettings
+    from tools.simulator.settings import MotionSettings, SensorFaults, SimulationSettings, SurveySettings
+    from tools.simulator.surveying import survey
 
 _HOMES = {
     "flight": ("Flight", "fly"),
@@ -33,7 +34,8 @@ _HOMES = {
     "roadways": ("MineScenario", "Roadway"),
     "route": ("load_route",),
     "scenarios": ("SCENARIOS", "plan"),
-    "settings": ("MotionSettings", "SensorFaults", "SimulationSettings"),
+    "settings": ("MotionSettings", "SensorFaults", "SimulationSettings", "SurveySettings"),
+    "surveying": ("survey",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -47,6 +49,7 @@ __all__ = [
     "SensorFaults",
     "Simulation",
     "SimulationSettings",
+    "SurveySettings",
     "default_rig",
     "dig",
     "fly",
@@ -56,6 +59,7 @@ __all__ = [
     "scenario",
     "simulate",
     "simulate_measurements",
+    "survey",
     "with_total_station",
     "with_uwb",
 ]

@@ -44,13 +44,13 @@ def junctions_of(scenario: MineScenario) -> tuple[Junction, ...]:
 
 
 def save_junctions(path: str | Path, junctions: tuple[Junction, ...]) -> None:
-    """Write ``id,x_m,y_m,branches,bearings_deg`` lines."""
+    """Write ``id,x_m,y_m,branches,bearings_deg,z_m`` lines: ``z_m`` is the floor's height."""
     with written_whole(path) as temporary, temporary.open("w", encoding="utf-8") as out:
-        out.write("id,x_m,y_m,branches,bearings_deg\n")
+        out.write("id,x_m,y_m,branches,bearings_deg,z_m\n")
         for junction in junctions:
-            x, y = junction.p_map[:2]
+            x, y, z = junction.p_map
             bearings = ";".join(f"{bearing:.0f}" for bearing in junction.bearings_deg)
-            out.write(f'{junction.id},{x:.2f},{y:.2f},{junction.branches},"{bearings}"\n')
+            out.write(f'{junction.id},{x:.2f},{y:.2f},{junction.branches},"{bearings}",{z:.2f}\n')
 
 
 def _bearings(scenario: MineScenario, node: str) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from semmap.errors import InputFileError
 from semmap.geometry import Array
+from tools.simulator.boxes import Samples
 from tools.simulator.junctions import Junction, junctions_of
 from tools.simulator.raycaster import Raycaster
 from tools.simulator.roadways import MineScenario
@@ -62,14 +63,20 @@ class Mine:
         ``noise`` is the standard deviation of each coordinate [m].
         """
         rng = np.random.default_rng([seed, 3])
+        points = self.spread(spacing, rng).points
+        return np.asarray(points + noise * rng.normal(size=points.shape))
+
+    def spread(self, spacing: float, rng: np.random.Generator) -> Samples:
+        """Points on the rock without noise, spread evenly at random, and where the air is."""
         areas = self._triangle_areas()
         count = max(1, round(areas.sum() / spacing**2))
         share = (np.arange(count) + rng.uniform(size=count)) / count
         owner = np.minimum(np.searchsorted(np.cumsum(areas) / areas.sum(), share), len(areas) - 1)
         a, b = np.sort(rng.uniform(size=(2, count)), axis=0)[:, :, None]
         p, q, r = np.moveaxis(self.vertices[self.triangles[owner]].astype(np.float64), 1, 0)
-        points = a * p + (b - a) * q + (1.0 - b) * r
-        return np.asarray(points + noise * rng.normal(size=points.shape) + self.origin)
+        normals = np.cross(q - p, r - p)
+        normals *= -np.sign(self._volume()) / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        return Samples(a * p + (b - a) * q + (1.0 - b) * r + self.origin, normals)
 
     def save_mesh(self, path: str | Path) -> None:
         """Write the mesh (.ply, .obj, .stl) in map coordinates."""
@@ -84,6 +91,11 @@ class Mine:
     def _triangle_areas(self) -> Array:
         p, q, r = np.moveaxis(self.vertices[self.triangles].astype(np.float64), 1, 0)
         return np.asarray(0.5 * np.linalg.norm(np.cross(q - p, r - p), axis=1))
+
+    def _volume(self) -> float:
+        """Volume [m³] of the closed mesh, positive where its triangles are wound to look outwards."""
+        p, q, r = np.moveaxis(self.vertices[self.triangles].astype(np.float64), 1, 0)
+        return float(np.einsum("ij,ij->", p, np.cross(q, r)) / 6.0)
 
 
 def dig(scenario: MineScenario, *, voxel: float = VOXEL, progress: Callable[[int, int], None] | None = None) -> Mine:

@@ -7,8 +7,11 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from maps.prior_map import save_laz
+import numpy as np
+
+from maps.las import save_laz
 from semmap.errors import InputFileError
+from semmap.geometry import Array
 from semmap.measurements import Scan
 from semmap.recordings import RecordingWriter
 from semmap.rig import Rig
@@ -20,6 +23,7 @@ from tools.simulator.progress import PERCENT, Progress, ignored, part
 from tools.simulator.rigs import as_recorded, default_rig, save_rig
 from tools.simulator.route import load_route
 from tools.simulator.settings import SimulationSettings
+from tools.simulator.surveying import survey
 
 PRIOR_MAP, RECORDING, RIG = "prior_map.laz", "recording", "rig.yaml"
 GROUND_TRUTH, JUNCTIONS = "ground_truth.tum", "junctions.csv"
@@ -89,7 +93,7 @@ def simulate(
     aside = _make_aside(out)
     try:
         counts = _record(aside / RECORDING, flight, part(report, _CHECKED, _RECORDED))
-        save_laz(aside / PRIOR_MAP, mine.sample(spacing=settings.map_spacing, noise=settings.map_noise, seed=seed))
+        save_laz(aside / PRIOR_MAP, survey(mine, settings.map, seed=seed, route=_under(flight, settings)))
         save_rig(aside / RIG, flight.rig)
         truth = flight.truth()
         truth.save_tum(aside / GROUND_TRUTH)
@@ -125,6 +129,12 @@ def _record(path: Path, flight: Flight, report: Progress) -> tuple[int, int]:
                 report(arrival_ns(measurement) - first_ns, span_ns)
             scans += isinstance(measurement, Scan)
     return scans, measurements
+
+
+def _under(flight: Flight, settings: SimulationSettings) -> Array:
+    """Floor points (n, 3), half a metre apart or so, under the whole flight."""
+    t = np.arange(0.0, flight.motion.duration_s, 0.5 / settings.motion.speed)
+    return np.asarray(flight.motion(t).position - [0.0, 0.0, settings.motion.height])
 
 
 def _check_out(out: Path) -> None:

@@ -1,15 +1,18 @@
 """Where there is rock: a signed field over space, negative in the roadways, positive in the rock.
 
-Each roadway is its profile swept along its axis; roadways are joined by a smooth minimum, so that the
-corners of pillars are rounded, and rock noise is added whose strength each roadway sets for its own walls.
+Each roadway is its profile swept along its axis. Roadways that meet share their floor there, so that it has no
+steps; their walls and roofs are joined by a smooth minimum, so that the corners of pillars are rounded; and rock noise
+is added whose strength each roadway sets for its own walls.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semmap.geometry import Array
 from tools.simulator.roadways import MineScenario
@@ -19,6 +22,10 @@ _FAR = 3.0
 """[m] of rock beyond a roadway's walls in which its field still counts."""
 _BLEND = 0.6
 """[m] radius of the smooth minimum where roadways meet."""
+_SHARED, _STOREY = 4.5, 2.0
+"""[m] from a roadway's axis, and above or below its floor, within which its floor counts for one that it meets."""
+_ALWAYS = 1e-3
+"""Weight of a roadway's own floor where it is far from all axes."""
 _AMPLITUDE_REACH = 2.0
 """[m] over which the roughness changes from one roadway's to the next one's."""
 _FLOOR_ROUGHNESS = 0.33
@@ -84,20 +91,29 @@ class RockField:
 
     def __init__(self, scenario: MineScenario) -> None:
         self.roadways = tuple(_swept(scenario, index) for index in range(len(scenario.roadways)))
+        self._meets = np.array(
+            [[bool({a.start, a.end} & {b.start, b.end}) for b in scenario.roadways] for a in scenario.roadways]
+        )
         rng = np.random.default_rng([scenario.seed, 2])
         self._waves = PlaneWaves.draw(rng, scenario.texture, count=_WAVES, dimensions=3)
 
     def __call__(self, x: Array, y: Array, z: Array) -> Array:
         """Field [m] on the grid of coordinates x, y, z: (nx, ny, nz), negative in the roadways."""
         low, high = np.array([x[0], y[0], z[0]]), np.array([x[-1], y[-1], z[-1]])
-        near = [roadway for roadway in self.roadways if roadway.reaches(low, high)]
+        near = [k for k, roadway in enumerate(self.roadways) if roadway.reaches(low, high)]
         if not near:
             return np.full((len(x), len(y), len(z)), _FAR)
-        distances, strengths = zip(*(_clear_section(roadway, x, y, z) for roadway in near), strict=True)
-        smooth = distances[0]
-        for distance in distances[1:]:
-            smooth = _smooth_minimum(smooth, distance)
-        return np.asarray(smooth + _blend(distances, strengths) * self._waves.on_grid(x, y, z))
+        beside, floors = zip(*(self.roadways[k].section(x, y) for k in near), strict=True)
+        shared = _shared_floors(np.array(beside), np.array(floors), self._meets[np.ix_(near, near)])
+        rise = z - shared[..., None]
+        distances = [
+            profile_distance(u[:, :, None], v, self.roadways[k]) for k, u, v in zip(near, beside, rise, strict=True)
+        ]
+        strengths = [_strength(v, self.roadways[k]) for k, v in zip(near, rise, strict=True)]
+        field = distances[0]
+        for distance, v in zip(distances[1:], rise[1:], strict=True):
+            field = _joined(field, distance, v)
+        return np.asarray(field + _blend(distances, strengths) * self._waves.on_grid(x, y, z))
 
 
 def _swept(scenario: MineScenario, index: int) -> SweptRoadway:
@@ -108,22 +124,30 @@ def _swept(scenario: MineScenario, index: int) -> SweptRoadway:
     )
 
 
-def _clear_section(roadway: SweptRoadway, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-    """Distance to the unworked section, and strength of the rock noise there, both (nx, ny, nz)."""
-    u, floor = roadway.section(x, y)
-    v = z[None, None, :] - floor[:, :, None]
-    rise = np.clip(v, 0.0, 1.0)
-    strength = roadway.roughness * (_FLOOR_ROUGHNESS + (1.0 - _FLOOR_ROUGHNESS) * rise)
-    return profile_distance(u[:, :, None], v, roadway), strength
+def _shared_floors(beside: Array, floors: Array, meets: NDArray[np.bool_]) -> Array:
+    """Floors (r, nx, ny), each with those of the roadways it meets mixed in where they are near in plan and height."""
+    nearness = np.maximum(1.0 - beside / _SHARED, 0.0) ** 2
+    shared = np.empty_like(floors)
+    for k, floor in enumerate(floors):
+        level = np.maximum(1.0 - np.abs(floors - floor) / _STOREY, 0.0)
+        weights = meets[k][:, None, None] * level * nearness
+        weights[k] += _ALWAYS
+        shared[k] = (weights * floors).sum(axis=0) / weights.sum(axis=0)
+    return shared
 
 
-def _smooth_minimum(a: Array, b: Array) -> Array:
-    """Minimum of two distances, rounded where they differ by less than the blend radius."""
+def _strength(v: Array, roadway: SweptRoadway) -> Array:
+    """Strength (nx, ny, nz) of the rock noise at heights ``v`` above the floor."""
+    return np.asarray(roadway.roughness * (_FLOOR_ROUGHNESS + (1.0 - _FLOOR_ROUGHNESS) * np.clip(v, 0.0, 1.0)))
+
+
+def _joined(a: Array, b: Array, v: Array) -> Array:
+    """Minimum of two distances, rounded above the floor (``v`` above it) where they differ by less than the radius."""
     h = np.maximum(_BLEND - np.abs(a - b), 0.0) / _BLEND
-    return np.minimum(a, b) - 0.25 * _BLEND * h * h
+    return np.minimum(a, b) - 0.25 * _BLEND * h * h * np.clip(v, 0.0, 1.0)
 
 
-def _blend(distances: tuple[Array, ...], strengths: tuple[Array, ...]) -> Array:
+def _blend(distances: Sequence[Array], strengths: Sequence[Array]) -> Array:
     """Noise strength, each roadway's weighted by how near it is; exactly its own far from others."""
     if len(distances) == 1:
         return strengths[0]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import difflib
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from semmap.errors import InputFileError
+from tools.simulator.level_plan import level_plan
 from tools.simulator.random_plan import random_plan
 from tools.simulator.roadways import MineScenario, Point, Roadway
 from tools.simulator.walk import covering_walk
@@ -146,6 +148,40 @@ def drift(seed: int) -> MineScenario:
     return MineScenario("drift", nodes, roadways, ("start", "west", "east", "es", "end"), relief=0.0, seed=seed)
 
 
+def pillars(seed: int) -> MineScenario:
+    """Room and pillar with pillars of six metres and a few larger ones, another plan for every seed."""
+    columns, rows, pitch, wiggle = 6, 5, 12.0, 0.6
+    rng = np.random.default_rng([seed, 6])
+    nodes: dict[str, Point] = {}
+    for i, j in np.ndindex(columns, rows):
+        x, y = pitch * np.array([i, j]) + rng.uniform(-wiggle, wiggle, 2)
+        nodes[f"{i}.{j}"] = (float(x), float(y), 0.0)
+    across = [(f"{i}.{j}", f"{i + 1}.{j}") for i in range(columns - 1) for j in range(rows)]
+    along = [(f"{i}.{j}", f"{i}.{j + 1}") for i in range(columns) for j in range(rows - 1)]
+    rooms = tuple(
+        Roadway(*pair, float(rng.uniform(4.8, 5.6)), 3.0, "rectangular", 0.06)
+        for pair in _some_left([*across, *along], rng)
+    )
+    return _with_walk(MineScenario("pillars", nodes, rooms, (), relief=0.15, seed=seed), "0.0")
+
+
+def _some_left(pairs: list[tuple[str, str]], rng: np.random.Generator) -> list[tuple[str, str]]:
+    """Pairs of nodes without some between nodes of four, so that none has fewer than three left."""
+    degree = Counter(node for pair in pairs for node in pair)
+    kept: list[tuple[str, str]] = []
+    for pair in pairs:
+        if rng.uniform() < 0.2 and min(degree[node] for node in pair) == 4:
+            degree.subtract(pair)
+        else:
+            kept.append(pair)
+    return kept
+
+
+def levels(seed: int) -> MineScenario:
+    """Three levels with crossings above crossings, a spiral decline and a ramp, another plan for every seed."""
+    return _with_walk(level_plan(seed), "portal")
+
+
 def random(seed: int) -> MineScenario:
     """Another mine for every seed: all widths, profiles and roughnesses between scattered nodes."""
     scenario = random_plan(seed)
@@ -158,6 +194,8 @@ SCENARIOS: dict[str, Callable[[int], MineScenario]] = {
     "ramp": ramp,
     "drift": drift,
     "random": random,
+    "levels": levels,
+    "pillars": pillars,
 }
 
 

@@ -1,8 +1,8 @@
-"""Settings of a simulation: how the robot moves, what is wrong with its sensors, and how much is recorded."""
+"""Settings of a simulation: how the robot moves, what is wrong with its sensors, what is recorded and surveyed."""
 
 from __future__ import annotations
 
-from pydantic import Field, FiniteFloat, NonNegativeFloat, PositiveFloat
+from pydantic import Field, FiniteFloat, NonNegativeFloat, NonNegativeInt, PositiveFloat
 
 from semmap.settings import Settings
 
@@ -59,17 +59,34 @@ class SensorFaults(Settings):
         return cls(**dict.fromkeys(cls.model_fields, 0.0))
 
 
+class SurveySettings(Settings):
+    """What the prior map shows of the mine. The robot meets none of what is missing or stands about in it.
+
+    spacing, noise : of the points, and of each of their coordinates, 1σ [m].
+    open_top : rock more than 2.2 m above the floor is missing, as in models that are made to be looked into.
+    vehicles, pallets, posts : how many stand about in the roadways; posts reach the roof.
+    conveyors : how many, each along a wall of one roadway.
+    """
+
+    spacing: PositiveFloat = 0.1
+    noise: NonNegativeFloat = 0.01
+    open_top: bool = False
+    vehicles: NonNegativeInt = 0
+    pallets: NonNegativeInt = 0
+    posts: NonNegativeInt = 0
+    conveyors: NonNegativeInt = 0
+
+
 class SimulationSettings(Settings):
     """Everything `simulate` can be told.
 
     start_s : what is cut off the beginning; more than the time at rest, and the recording starts in motion.
     duration_s : length of the recording, to the end of the route if None.
-    map_spacing, map_noise : of the prior map's points [m].
+    map : of the prior map.
     """
 
     motion: MotionSettings = MotionSettings()
     faults: SensorFaults = SensorFaults()
     start_s: NonNegativeFloat = 0.0
     duration_s: PositiveFloat | None = None
-    map_spacing: PositiveFloat = 0.1
-    map_noise: NonNegativeFloat = 0.01
+    map: SurveySettings = SurveySettings()
