@@ -87,38 +87,42 @@ def propagate(
         R[:, :] = R @ dR
 
 
+@njit(cache=True, inline="always")
+def _times(a, b, out):
+    """Product of two matrices (3, 3); at this size, calling BLAS costs more than the product."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
 @njit(cache=True)
 def deskew(points, t_points, t, track_R, track_p, track_v, track_w, track_a, R_imu_lidar, p_imu_lidar, out):
     """Points (n, 3) of the lidar, each at its time [s], as the lidar at the track's last pose would see them."""
     last = len(t) - 1
     R_end, p_end = track_R[last], track_p[last]
-    dR = np.empty((3, 3))
-    k = 0
+    dR, half, R, p = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    R_end_lidar = R_imu_lidar.T @ R_end.T
+    p_lidar_imu = -(R_imu_lidar.T @ p_imu_lidar)
+    k, before = 0, np.nan
     for i in range(len(points)):
         time = t_points[i]
-        while k > 0 and t[k] > time:
-            k -= 1
-        while k < last and t[k + 1] <= time:
-            k += 1
-        dt = time - t[k]
-        exp_so3(dt * track_w[k], dR)
+        if time != before:
+            # the beams of one firing share their time, and so the motion since
+            before = time
+            while k > 0 and t[k] > time:
+                k -= 1
+            while k < last and t[k + 1] <= time:
+                k += 1
+            dt = time - t[k]
+            exp_so3(dt * track_w[k], dR)
+            _times(track_R[k], dR, half)
+            _times(R_end_lidar, half, dR)
+            _times(dR, R_imu_lidar, R)
+            for r in range(3):
+                p[r] = p_lidar_imu[r]
+                for c in range(3):
+                    moved = track_p[k, c] + dt * track_v[k, c] + 0.5 * dt * dt * track_a[k, c] - p_end[c]
+                    p[r] += dR[r, c] * p_imu_lidar[c] + R_end_lidar[r, c] * moved
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         for r in range(3):
-            out[i, r] = R_imu_lidar[r, 0] * x + R_imu_lidar[r, 1] * y + R_imu_lidar[r, 2] * z + p_imu_lidar[r]
-        x = dR[0, 0] * out[i, 0] + dR[0, 1] * out[i, 1] + dR[0, 2] * out[i, 2]
-        y = dR[1, 0] * out[i, 0] + dR[1, 1] * out[i, 1] + dR[1, 2] * out[i, 2]
-        z = dR[2, 0] * out[i, 0] + dR[2, 1] * out[i, 1] + dR[2, 2] * out[i, 2]
-        Rk = track_R[k]
-        qx = Rk[0, 0] * x + Rk[0, 1] * y + Rk[0, 2] * z
-        qy = Rk[1, 0] * x + Rk[1, 1] * y + Rk[1, 2] * z
-        qz = Rk[2, 0] * x + Rk[2, 1] * y + Rk[2, 2] * z
-        half = 0.5 * dt * dt
-        qx += track_p[k, 0] + dt * track_v[k, 0] + half * track_a[k, 0] - p_end[0]
-        qy += track_p[k, 1] + dt * track_v[k, 1] + half * track_a[k, 1] - p_end[1]
-        qz += track_p[k, 2] + dt * track_v[k, 2] + half * track_a[k, 2] - p_end[2]
-        # into the imu at the end, then into the lidar
-        x = R_end[0, 0] * qx + R_end[1, 0] * qy + R_end[2, 0] * qz - p_imu_lidar[0]
-        y = R_end[0, 1] * qx + R_end[1, 1] * qy + R_end[2, 1] * qz - p_imu_lidar[1]
-        z = R_end[0, 2] * qx + R_end[1, 2] * qy + R_end[2, 2] * qz - p_imu_lidar[2]
-        for r in range(3):
-            out[i, r] = R_imu_lidar[0, r] * x + R_imu_lidar[1, r] * y + R_imu_lidar[2, r] * z
+            out[i, r] = R[r, 0] * x + R[r, 1] * y + R[r, 2] * z + p[r]

@@ -1,9 +1,13 @@
-"""Kernels of the voxel map: a hash table of cells, each with the mean, scatter and plane of the points that fell in."""
+"""Kernels of the voxel map: a hash table of cells, each with the mean, scatter and shape of the points that fell in."""
 
 import numpy as np
 from numba import njit
 
 EMPTY = np.int64(-1)
+PLANES, PLANES_AND_EDGES, EDGES = 0, 1, 2
+_PLANE_RATIO, _EDGE_RATIO = 0.37, 2.1  # paper 002, Eq. 30
+_ROCK_VARIANCE, _ROCK_POINTS = 0.03**2, 10
+"""How rough rock is taken to be [m²] until this many points have told: between a few scan lines anything may be."""
 _BIAS = 1 << 20  # cells are numbered from -2^20 to 2^20 on each axis
 
 
@@ -38,13 +42,61 @@ def rehash(keys, cells, new_keys, new_cells):
 
 
 @njit(cache=True)
-def insert(points, inverse_size, max_points, min_points, keys, cells, used, count, mean, scatter, normal, variance):
-    """Add points (n, 3) in odom; returns the number of cells in use. Full cells (max_points) stay as they are.
+def eigen3(S, values, vectors):
+    """Eigenvalues (3,), ascending, and eigenvectors (rows of (3, 3)) of a symmetric matrix (3, 3), which is used up.
 
-    The tables must have room for n more cells. variance is that of the points along the normal [m²], negative while
-    there is no plane.
+    Jacobi's rotations: several times faster here than LAPACK, and the same to the last bit on every processor.
     """
-    S = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            vectors[i, j] = 1.0 if i == j else 0.0
+    size = S[0, 0] + S[1, 1] + S[2, 2]
+    for _ in range(12):
+        if S[0, 1] ** 2 + S[0, 2] ** 2 + S[1, 2] ** 2 <= (1e-14 * size) ** 2:
+            break
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if S[p, q] == 0.0:
+                    continue
+                theta = (S[q, q] - S[p, p]) / (2.0 * S[p, q])
+                t = 1.0 / (abs(theta) + np.sqrt(theta * theta + 1.0))
+                if theta < 0.0:
+                    t = -t
+                cos = 1.0 / np.sqrt(t * t + 1.0)
+                sin = t * cos
+                for k in range(3):
+                    a, b = S[k, p], S[k, q]
+                    S[k, p], S[k, q] = cos * a - sin * b, sin * a + cos * b
+                for k in range(3):
+                    a, b = S[p, k], S[q, k]
+                    S[p, k], S[q, k] = cos * a - sin * b, sin * a + cos * b
+                for k in range(3):
+                    a, b = vectors[p, k], vectors[q, k]
+                    vectors[p, k], vectors[q, k] = cos * a - sin * b, sin * a + cos * b
+    for i in range(3):
+        values[i] = S[i, i]
+    for i in range(2):
+        for j in range(2 - i):
+            if values[j] > values[j + 1]:
+                values[j], values[j + 1] = values[j + 1], values[j]
+                for k in range(3):
+                    vectors[j, k], vectors[j + 1, k] = vectors[j + 1, k], vectors[j, k]
+
+
+@njit(cache=True)
+def insert(
+    points, inverse_size, max_points, min_points, rule, keys, cells, used, count, mean, scatter, rows, axes, scale,
+    variance, added, hit,
+):  # fmt: skip
+    """Add points (n, 3) in the map; returns the number of cells in use and how new the map is where the points are.
+
+    Full cells (max_points) stay as they are. The tables must have room for n more cells. The shape of a cell is that
+    of its points: rows is 0 while it has none, 1 for a plane, 2 for an edge; axes are its eigenvectors by ascending
+    spread, the first ``rows`` of them across the shape, scale is one over the spread along each, variance that across
+    [m²]. added and hit are scratch; added must be 0.
+    """
+    S, spread = np.empty((3, 3)), np.empty(3)
+    hits = 0
     for i in range(len(points)):
         key = cell_key(points[i, 0], points[i, 1], points[i, 2], inverse_size)
         slot = _slot_of(keys, key)
@@ -55,13 +107,19 @@ def insert(points, inverse_size, max_points, min_points, keys, cells, used, coun
             count[c] = 0
             mean[c] = 0.0
             scatter[c] = 0.0
-            variance[c] = -1.0
+            rows[c] = 0
             used += 1
         else:
             c = cells[slot]
+        if added[c] == 0:
+            hit[hits] = c
+            hits += 1
         n = count[c]
         if n >= max_points:
+            if added[c] == 0:
+                added[c] = -1
             continue
+        added[c] = max(added[c], 0) + 1
         n += 1
         count[c] = n
         dx, dy, dz = points[i, 0] - mean[c, 0], points[i, 1] - mean[c, 1], points[i, 2] - mean[c, 2]
@@ -75,18 +133,42 @@ def insert(points, inverse_size, max_points, min_points, keys, cells, used, coun
         scatter[c, 3] += dy * ey
         scatter[c, 4] += dy * ez
         scatter[c, 5] += dz * ez
-        if n >= min_points and (n < 2 * min_points or n % 4 == 0):
+    for k in range(hits):
+        c = hit[k]
+        n = count[c]
+        if added[c] > 0 and n >= min_points:
             S[0, 0], S[0, 1], S[0, 2] = scatter[c, 0], scatter[c, 1], scatter[c, 2]
             S[1, 0], S[1, 1], S[1, 2] = scatter[c, 1], scatter[c, 3], scatter[c, 4]
             S[2, 0], S[2, 1], S[2, 2] = scatter[c, 2], scatter[c, 4], scatter[c, 5]
-            eigenvalues, vectors = np.linalg.eigh(S / (n - 1))
-            # a plane spreads both ways: a single scan line has no normal
-            if eigenvalues[1] > 9.0 * eigenvalues[0] and eigenvalues[1] > 0.02 * eigenvalues[2]:
-                normal[c] = vectors[:, 0]
-                variance[c] = max(eigenvalues[0], 0.0)
-            else:
-                variance[c] = -1.0
-    return used
+            eigen3(S, spread, axes[c])
+            spread /= n - 1
+            rows[c] = _shape(spread, rule)
+            across = 0.0
+            for j in range(3):
+                scale[c, j] = 1.0 / np.sqrt(max(spread[j], 1e-12))
+                if j < rows[c]:
+                    across += max(spread[j], 0.0) / rows[c]
+            variance[c] = (across * (n - 1) + _ROCK_POINTS * _ROCK_VARIANCE) / (n - 3 + _ROCK_POINTS)
+    share, shapes = 0.0, 0
+    for k in range(hits):
+        c = hit[k]
+        if rows[c] > 0:
+            share += max(added[c], 0) / count[c]
+            shapes += 1
+        added[c] = 0
+    return used, (share / shapes if shapes else 1.0)
+
+
+@njit(cache=True, inline="always")
+def _shape(spread, rule):
+    """1 for a plane, 2 for an edge, 0 for neither, by the variances (3,) of the points, ascending."""
+    if rule == PLANES:
+        # a plane spreads both ways: a single scan line has no normal
+        return 1 if spread[1] > 9.0 * spread[0] and spread[1] > 0.05 * spread[2] else 0
+    ratio = (spread[2] - spread[1]) / max(spread[1] - spread[0], 1e-12)
+    if rule == PLANES_AND_EDGES and ratio <= _PLANE_RATIO:
+        return 1
+    return 2 if ratio >= _EDGE_RATIO else 0
 
 
 @njit(cache=True)
@@ -112,11 +194,11 @@ def downsample(points, inverse_size, keys, cells, total, out):
 
 
 @njit(cache=True, inline="always")
-def _plane_near(x, y, z, size, keys, cells, variance, mean):
-    """The cell whose plane a point belongs to: its own, or of the six beside it the one with the nearest mean."""
+def _shape_near(x, y, z, size, keys, cells, rows, mean):
+    """The cell whose shape a point belongs to: its own, or of the six beside it the one with the nearest mean."""
     inverse_size = 1.0 / size
     own = _slot_of(keys, cell_key(x, y, z, inverse_size))
-    if keys[own] != EMPTY and variance[cells[own]] >= 0.0:
+    if keys[own] != EMPTY and rows[cells[own]] > 0:
         return cells[own]
     best, best_distance2 = np.int64(-1), size * size
     for axis in range(3):
@@ -132,7 +214,7 @@ def _plane_near(x, y, z, size, keys, cells, variance, mean):
             if keys[slot] == EMPTY:
                 continue
             c = cells[slot]
-            if variance[c] < 0.0:
+            if rows[c] == 0:
                 continue
             distance2 = (x - mean[c, 0]) ** 2 + (y - mean[c, 1]) ** 2 + (z - mean[c, 2]) ** 2
             if distance2 < best_distance2:
@@ -141,21 +223,30 @@ def _plane_near(x, y, z, size, keys, cells, variance, mean):
 
 
 @njit(cache=True)
-def point_to_plane(
-    points, R, p, R_imu_lidar, p_imu_lidar, size, keys, cells, mean, normal, variance, range_variance, gate,
-    A, b, residuals, sigmas,
+def point_to_shape(
+    points, R, p, R_imu_lidar, p_imu_lidar, size, keys, cells, count, mean, rows, axes, scale, variance,
+    range_variance, beam_variance, gate, mark, met, pulls, A, b, B, residuals, sigmas,
 ):  # fmt: skip
-    """Sum A += HᵀH/σ², b -= Hᵀr/σ² of the point-to-plane residuals (paper 000 Eq. 14); returns how many matched.
+    """Sum A += HᵀH/σ², b -= Hᵀr/σ² of the residuals ``uᵀ(T p - mean)`` (paper 000 Eq. 14); returns how many matched.
 
-    points (n, 3) in the lidar frame; columns of H: rotation, position, lidar extrinsic rotation and position.
-    residuals, sigmas (n,) [m]: NaN where there is no plane.
+    Across a plane there is one u, across an edge there are two (paper 002 Eq. 31). σ² is what one point errs by alone
+    and what the shape errs by, which every point on it shares: B is the covariance of b that comes from the shapes,
+    ``Σ (Σ hᵀ/σ²)(Σ h/σ²) σ_shape²``, the inner sums over the points of one shape.
+    points (n, 3) in the lidar frame; R, p: the imu in the map; columns of H: rotation and position of the imu, in its
+    own axes. residuals, sigmas (n, 2) [m]: NaN where there is none. mark (cells) must be 0 and pulls
+    (2 n, 8) and met (n,) are scratch.
     """
     A[:, :] = 0.0
     b[:] = 0.0
-    h = np.empty(12)
-    matched = 0
+    B[:, :] = 0.0
+    h = np.empty(6)
+    ox = R[0, 0] * p_imu_lidar[0] + R[0, 1] * p_imu_lidar[1] + R[0, 2] * p_imu_lidar[2] + p[0]
+    oy = R[1, 0] * p_imu_lidar[0] + R[1, 1] * p_imu_lidar[1] + R[1, 2] * p_imu_lidar[2] + p[1]
+    oz = R[2, 0] * p_imu_lidar[0] + R[2, 1] * p_imu_lidar[1] + R[2, 2] * p_imu_lidar[2] + p[2]
+    matched, shapes = 0, 0
     for i in range(len(points)):
         residuals[i] = np.nan
+        sigmas[i] = np.nan
         lx, ly, lz = points[i, 0], points[i, 1], points[i, 2]
         ix = R_imu_lidar[0, 0] * lx + R_imu_lidar[0, 1] * ly + R_imu_lidar[0, 2] * lz + p_imu_lidar[0]
         iy = R_imu_lidar[1, 0] * lx + R_imu_lidar[1, 1] * ly + R_imu_lidar[1, 2] * lz + p_imu_lidar[1]
@@ -163,36 +254,67 @@ def point_to_plane(
         x = R[0, 0] * ix + R[0, 1] * iy + R[0, 2] * iz + p[0]
         y = R[1, 0] * ix + R[1, 1] * iy + R[1, 2] * iz + p[1]
         z = R[2, 0] * ix + R[2, 1] * iy + R[2, 2] * iz + p[2]
-        c = _plane_near(x, y, z, size, keys, cells, variance, mean)
+        c = _shape_near(x, y, z, size, keys, cells, rows, mean)
         if c < 0:
             continue
-        nx, ny, nz = normal[c, 0], normal[c, 1], normal[c, 2]
-        r = nx * (x - mean[c, 0]) + ny * (y - mean[c, 1]) + nz * (z - mean[c, 2])
-        sigma2 = variance[c] + range_variance
-        if r * r > gate * gate * sigma2:
-            continue
-        # normal in the imu and in the lidar frame
-        mx = R[0, 0] * nx + R[1, 0] * ny + R[2, 0] * nz
-        my = R[0, 1] * nx + R[1, 1] * ny + R[2, 1] * nz
-        mz = R[0, 2] * nx + R[1, 2] * ny + R[2, 2] * nz
-        kx = R_imu_lidar[0, 0] * mx + R_imu_lidar[1, 0] * my + R_imu_lidar[2, 0] * mz
-        ky = R_imu_lidar[0, 1] * mx + R_imu_lidar[1, 1] * my + R_imu_lidar[2, 1] * mz
-        kz = R_imu_lidar[0, 2] * mx + R_imu_lidar[1, 2] * my + R_imu_lidar[2, 2] * mz
-        h[0], h[1], h[2] = iy * mz - iz * my, iz * mx - ix * mz, ix * my - iy * mx
-        h[3], h[4], h[5] = nx, ny, nz
-        h[6], h[7], h[8] = ly * kz - lz * ky, lz * kx - lx * kz, lx * ky - ly * kx
-        h[9], h[10], h[11] = mx, my, mz
-        # Cauchy weight: a stone or a vehicle that was not there must not pull
-        weight = 1.0 / (sigma2 * (1.0 + r * r / (4.0 * sigma2)))
-        for row in range(12):
-            hw = h[row] * weight
-            b[row] -= hw * r
-            for column in range(row, 12):
-                A[row, column] += hw * h[column]
-        residuals[i] = r
-        sigmas[i] = np.sqrt(sigma2)
-        matched += 1
-    for row in range(12):
+        dx, dy, dz = x - mean[c, 0], y - mean[c, 1], z - mean[c, 2]
+        # the shape is known best amid its points, and the less the farther beyond them
+        beyond = 0.0
+        for k in range(rows[c], 3):
+            u = axes[c, k]
+            beyond += (scale[c, k] * (u[0] * dx + u[1] * dy + u[2] * dz)) ** 2
+        rx, ry, rz = x - ox, y - oy, z - oz
+        range2 = rx * rx + ry * ry + rz * rz
+        used = False
+        for k in range(rows[c]):
+            nx, ny, nz = axes[c, k, 0], axes[c, k, 1], axes[c, k, 2]
+            r = nx * dx + ny * dy + nz * dz
+            # a range errs along its ray, its direction across it
+            along2 = (nx * rx + ny * ry + nz * rz) ** 2
+            alone2 = variance[c] + range_variance * along2 / range2 + beam_variance * (range2 - along2)
+            shape2 = alone2 * (1.0 + beyond) / count[c]
+            sigma2 = alone2 + shape2
+            if r * r > gate * gate * sigma2:
+                continue
+            # normal in the imu frame
+            mx = R[0, 0] * nx + R[1, 0] * ny + R[2, 0] * nz
+            my = R[0, 1] * nx + R[1, 1] * ny + R[2, 1] * nz
+            mz = R[0, 2] * nx + R[1, 2] * ny + R[2, 2] * nz
+            h[0], h[1], h[2] = iy * mz - iz * my, iz * mx - ix * mz, ix * my - iy * mx
+            h[3], h[4], h[5] = mx, my, mz
+            # Cauchy weight: a stone or a vehicle that was not there must not pull
+            weight = 1.0 / (sigma2 * (1.0 + r * r / (4.0 * sigma2)))
+            if mark[c] == 0:
+                shapes += 1
+                mark[c] = shapes
+                met[shapes - 1] = c
+                pulls[2 * shapes - 2] = 0.0
+                pulls[2 * shapes - 1] = 0.0
+            pull = pulls[2 * (mark[c] - 1) + k]
+            for row in range(6):
+                hw = h[row] * weight
+                b[row] -= hw * r
+                pull[row] += hw
+                for column in range(row, 6):
+                    A[row, column] += hw * h[column]
+            # by how much a shape is off where the points met it, in the mean weighted as they are
+            pull[6] += weight * shape2
+            pull[7] += weight
+            residuals[i, k] = r
+            sigmas[i, k] = np.sqrt(sigma2)
+            used = True
+        if used:
+            matched += 1
+    for k in range(2 * shapes):
+        if pulls[k, 7] > 0.0:
+            shape2 = pulls[k, 6] / pulls[k, 7]
+            for row in range(6):
+                for column in range(row, 6):
+                    B[row, column] += pulls[k, row] * pulls[k, column] * shape2
+    for k in range(shapes):
+        mark[met[k]] = 0
+    for row in range(6):
         for column in range(row):
             A[row, column] = A[column, row]
+            B[row, column] = B[column, row]
     return matched

@@ -9,7 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localize._numba_propagation import deskew, propagate
-from localize.state import ACCEL_BIAS, CLONE, ERROR_DIM, GRAVITY, GYRO_BIAS, POSITION, ROTATION, VELOCITY, NavState
+from localize.settings import ExtrinsicSettings
+from localize.state import (
+    ACCEL_BIAS,
+    CLONE,
+    ERROR_DIM,
+    GRAVITY,
+    GYRO_BIAS,
+    LIDAR,
+    MAP,
+    POSITION,
+    ROTATION,
+    TAG,
+    VELOCITY,
+    WHEEL,
+    NavState,
+)
 from semmap.geometry import Array, se3, skew
 from semmap.rig import ImuBlock
 
@@ -89,7 +104,7 @@ class ErrorStateFilter:
 
     Parameters
     ----------
-    state, P : start values, P (42, 42) in the order of `localize.state`.
+    state, P : start values, P (48, 48) in the order of `localize.state`.
     stamp_ns : their time.
     imu : noise densities.
     """
@@ -142,6 +157,30 @@ class ErrorStateFilter:
         self.P[CLONE] = self.P[:6]
         self.P[:, CLONE] = self.P[:, :6]
 
+    def centre_map(self) -> None:
+        """Tell the local map's error at the present place: a map that is turned lies the more off the farther away."""
+        moved = self.state.p - self.state.map_centre
+        J = np.eye(6)
+        J[3:, :3] = -skew(moved)
+        self.state.map_centre = self.state.p.copy()
+        self.P[MAP] = J @ self.P[MAP]
+        self.P[:, MAP] = self.P[:, MAP] @ J.T
+
+    def extend_map(self, share: float) -> None:
+        """The map lies, by a ``share`` of its points (0 to 1), as wrong as the present pose they were put in with."""
+        J = np.zeros((6, ERROR_DIM))
+        J[:, MAP] = (1.0 - share) * np.eye(6)
+        J[:3, ROTATION] = share * self.state.R
+        J[3:, POSITION] = share * np.eye(3)
+        rows = J @ self.P
+        own = rows @ J.T
+        self.P[MAP], self.P[:, MAP] = rows, rows.T
+        self.P[MAP, MAP] = own
+
+    def add_map_noise(self, covariance: Array) -> None:
+        """The planes put in lie off by themselves."""
+        self.P[MAP, MAP] += covariance
+
     def covariance_since_clone(self) -> Array:
         """Covariance (6, 6), rotation first, of ``T_clone_imu`` perturbed on the right (gtsam's order)."""
         R_clone = self.state.T_odom_clone[:3, :3]
@@ -157,12 +196,16 @@ class ErrorStateFilter:
         return covariance
 
 
-def start_covariance(imu: ImuBlock, *, tilt_std: float, velocity_std: float, g: Array) -> Array:
-    """Covariance (42, 42) at the start: the pose defines odom and is exact; gravity may lean by ``tilt_std`` [rad]."""
+def start_covariance(
+    imu: ImuBlock, *, tilt_std: float, velocity_std: float, g: Array, mountings: ExtrinsicSettings
+) -> Array:
+    """Covariance (48, 48) at the start: the pose defines odom and is exact; gravity may lean by ``tilt_std`` [rad]."""
     P = np.zeros((ERROR_DIM, ERROR_DIM))
     P[VELOCITY, VELOCITY] = velocity_std**2 * np.eye(3)
     P[GYRO_BIAS, GYRO_BIAS] = imu.gyro_bias_std**2 * np.eye(3)
     P[ACCEL_BIAS, ACCEL_BIAS] = imu.accel_bias_std**2 * np.eye(3)
     down = g / np.linalg.norm(g)
+    for columns, mounting in ((LIDAR, mountings.lidar), (TAG, mountings.tag), (WHEEL, mountings.wheel)):
+        P[columns, columns] = np.diag(np.repeat([mounting.rotation_std**2, mounting.position_std**2], 3))
     P[GRAVITY, GRAVITY] = (tilt_std * np.linalg.norm(g)) ** 2 * (np.eye(3) - np.outer(down, down))
     return P

@@ -1,45 +1,106 @@
-"""The LiDAR to the filter: points against the planes of the local map."""
+"""The LiDAR to the filter: points against the planes, and edges, of the local map."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from localize.filter import Information
-from localize.state import LIDAR, POSITION, ROTATION, NavState
-from localize.voxel_map import VoxelMap
-from semmap.geometry import Array
+from localize.state import LIDAR, MAP, POSITION, ROTATION, NavState
+from localize.voxel_map import RangeNoise, ShapeMatch, VoxelMap
+from semmap.geometry import Array, inverse, skew
 
-_COLUMNS = np.r_[ROTATION, POSITION, LIDAR]
+_COLUMNS = np.r_[ROTATION, POSITION, LIDAR, MAP]
+_VAGUE = np.diag(np.repeat([0.05**-2, 0.5**-2], 3))
+"""Where planes leave a direction open, their errors there are taken to be within 0.05 rad and 0.5 m."""
 
 
-@dataclass(slots=True)
-class PointToPlane:
-    """Point-to-plane residuals ``uᵀ(T_odom_imu T_imu_lidar p - q)`` (paper 000 Eq. 14).
-
-    points : (n, 3) deskewed, in the lidar frame at the state's time.
-    range_variance : of one range, and what the voxel's plane adds [m²].
-    gate : residuals beyond this many sigmas are left out.
-    correlation : how many points share one error of the map; divides the information, since points on one wall
-        that was mapped with one pose do not err independently.
-    min_matches : fewer say nothing.
-    """
+class ScanPart(NamedTuple):
+    """Points (n, 3), deskewed, in the lidar frame at the state's time, and the map they are matched to."""
 
     points: Array
     voxels: VoxelMap
-    range_variance: float
+
+
+@dataclass(slots=True)
+class ScanToMap:
+    """Residuals ``uᵀ(T_map_imu T_imu_lidar p - q)`` of a scan against the local map (paper 000 Eq. 14, 002 Eq. 31).
+
+    The map lies as wrong as the poses it was built from: its place ``T_odom_map`` is a state like the pose, with the
+    opposite Jacobian. So the filter knows the pose in the map well and the pose in odom only as well as the map's.
+
+    parts : the scan.
+    noise : of the ranges.
+    gate : residuals beyond this many sigmas are left out.
+    correlation : how many points share one error beyond that of their plane; divides the information.
+    min_matches : fewer say nothing.
+    """
+
+    parts: Sequence[ScanPart]
+    noise: RangeNoise
     gate: float
     correlation: float
     min_matches: int
-    matched: int = 0
+    matched: int = field(default=0, init=False)
+    _at: NavState | None = field(default=None, init=False)
+    _met: list[ShapeMatch] = field(default_factory=list, init=False)
 
     def linearize(self, state: NavState) -> Information | None:
-        A, b, residuals, sigmas, self.matched = self.voxels.point_to_plane(
-            self.points, state.T_odom_imu, state.T_imu_lidar, range_variance=self.range_variance, gate=self.gate
-        )
+        matches = self._matches(state)
         if self.matched < self.min_matches:
             return None
-        valid = np.isfinite(residuals)
-        squared = float(np.sum((residuals[valid] / sigmas[valid]) ** 2))
-        return Information(A / self.correlation, b / self.correlation, _COLUMNS, squared, self.matched)
+        J = _columns_of(state)
+        A, b = sum(match.A for match in matches), sum(match.b for match in matches)
+        squared = sum(float(np.nansum((match.residuals / match.sigmas) ** 2)) for match in matches)
+        return Information(
+            J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS, squared, self.matched
+        )  # fmt: skip
+
+    def map_noise(self, state: NavState) -> Array | None:
+        """Covariance (6, 6) of ``[φ, t]`` that the errors of the shapes together give to the place of the map.
+
+        ``A⁻¹ B A⁻¹``: what a pose errs by that is matched to shapes which are each off by themselves. None where the
+        scan meets too little of the map.
+        """
+        matches = self._matches(state)
+        if self.matched < self.min_matches:
+            return None
+        J = np.zeros((6, 6))
+        J[:3, :3] = J[3:, 3:] = state.R
+        A, B = sum(match.A for match in matches), sum(match.B for match in matches)
+        G = J @ np.linalg.inv(A + _VAGUE)
+        return np.asarray(G @ B @ G.T)
+
+    def _matches(self, state: NavState) -> list[ShapeMatch]:
+        if state is self._at:
+            return self._met
+        self._at = state
+        T_map_imu = inverse(state.T_odom_map) @ state.T_odom_imu
+        self._met = [
+            part.voxels.match(part.points, T_map_imu, state.T_imu_lidar, noise=self.noise, gate=self.gate)
+            for part in self.parts
+        ]
+        self.matched = sum(match.matched for match in self._met)
+        return self._met
+
+
+def _columns_of(state: NavState) -> Array:
+    """(18, 6) from the imu's own axes to the columns of the state.
+
+    A point is moved alike by the pose, by the LiDAR's place on the robot, and, the other way round, by the map.
+    """
+    R, T_imu_lidar = state.R, state.T_imu_lidar
+    R_lidar_imu = T_imu_lidar[:3, :3].T
+    J = np.zeros((18, 6))
+    J[:3, :3] = np.eye(3)
+    J[3:6, 3:] = R
+    J[6:9, :3] = R_lidar_imu
+    J[6:9, 3:] = -R_lidar_imu @ skew(T_imu_lidar[:3, 3])
+    J[9:12, 3:] = np.eye(3)
+    J[12:15, :3] = -R
+    J[12:15, 3:] = -skew(state.p - state.map_centre) @ R
+    J[15:18, 3:] = -R
+    return J

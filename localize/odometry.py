@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localize.filter import ErrorStateFilter, InertialTrack, joined
-from localize.lidar import PointToPlane
+from localize.local_map import LocalMap
 from localize.settings import KeyframeSettings, OdometrySettings
 from localize.state import NavState
-from localize.voxel_map import VoxelMap, voxel_means
 from localize.wheel import WheelVelocity
 from semmap.geometry import Array, inverse, rotation_angle, transform
 from semmap.measurements import ImuSample, Measurement, Scan, WheelSpeed
@@ -28,7 +27,7 @@ _GAP_NS = 50_000_000
 class OdometryPose:
     """What the filter knows at the end of a scan.
 
-    stamp_ns : time of the scan's end. T_odom_imu : (4, 4). covariance : (42, 42), order of `localize.state`.
+    stamp_ns : time of the scan's end. T_odom_imu : (4, 4). covariance : (48, 48), order of `localize.state`.
     state : the whole state. points : (n, 3) float32 deskewed, in the imu frame; empty without a scan.
     matched : scan points that met a plane; considered : scan points tried.
     keyframe : whether the filter moved far enough since the last one (paper 004 Eq. 8, 9).
@@ -61,7 +60,7 @@ class Odometry:
         self, rig: Rig, settings: OdometrySettings, keyframes: KeyframeSettings, start: ErrorStateFilter
     ) -> None:
         self.rig, self.settings, self.keyframes, self.filter = rig, settings, keyframes, start
-        self.voxels = VoxelMap(settings.voxel_size, max_points=settings.voxel_points)
+        self.map = LocalMap(rig.lidar, settings) if rig.lidar is not None else None
         self.dropped: dict[str, int] = {}
         self.slips = self.gaps = 0
         self._imu: list[ImuSample] = []
@@ -124,14 +123,15 @@ class Odometry:
         track = self._propagate(end_ns)
         points = np.empty((0, 3))
         matched = considered = 0
-        if scan is not None:
+        if scan is not None and self.map is not None:
             begin_ns = track.zero_ns
             known = scan.offsets_ns + scan.stamp_ns >= begin_ns - _TICK_NS // 2
             T_imu_lidar = self.filter.state.T_imu_lidar
             deskewed = track.deskew(scan.points[known], scan.offsets_ns[known], scan.stamp_ns, T_imu_lidar)
-            matched, considered = self._match(deskewed)
+            surfaces = self.map.surfaces(scan, deskewed, known)
+            matched, considered = self.map.match(surfaces, self.filter)
+            self.map.extend(surfaces, self.filter)
             points = transform(self.filter.state.T_imu_lidar, deskewed)
-            self.voxels.insert(transform(self.filter.state.T_odom_imu, points))
         keyframe, since_keyframe = self._keyframe_rule()
         return OdometryPose(
             end_ns, self.filter.state.copy(), self.filter.P.copy(), points.astype(np.float32), matched, considered,
@@ -193,14 +193,3 @@ class Odometry:
             return
         self.filter.update(model)
         self.last_wheel_used_ns = reading.stamp_ns
-
-    def _match(self, deskewed: Array) -> tuple[int, int]:
-        assert self.rig.lidar is not None
-        s = self.settings
-        model = PointToPlane(
-            voxel_means(deskewed, s.scan_voxel), self.voxels, self.rig.lidar.range_std**2, s.gate, s.correlation,
-            s.min_matches,
-        )  # fmt: skip
-        if len(self.voxels):
-            self.filter.update(model, iterations=s.iterations)
-        return model.matched, len(model.points)

@@ -2,9 +2,28 @@
 
 from __future__ import annotations
 
-from pydantic import Field, PositiveFloat, PositiveInt
+from typing import Literal
+
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 
 from semmap.settings import Settings
+
+
+class MountingSettings(Settings):
+    """How far off a sensor's place on the robot may be; 0 takes the rig at its word and does not estimate it."""
+
+    rotation_std: NonNegativeFloat = 0.0
+    """Of the attitude, per axis [rad]."""
+    position_std: NonNegativeFloat = 0.0
+    """Of the position, per axis [m]."""
+
+
+class ExtrinsicSettings(Settings):
+    """Which mountings the filter estimates on the way, each for itself."""
+
+    lidar: MountingSettings = Field(default_factory=MountingSettings)
+    tag: MountingSettings = Field(default_factory=MountingSettings)
+    wheel: MountingSettings = Field(default_factory=MountingSettings)
 
 
 class OdometrySettings(Settings):
@@ -14,6 +33,11 @@ class OdometrySettings(Settings):
     """Edge of the local map's voxels [m]."""
     voxel_points: PositiveInt = 60
     """Points after which a voxel stays as it is."""
+    max_voxels: PositiveInt = 500_000
+    """When the local map holds more, the farther half of it is forgotten (some 15 km of roadway)."""
+    features: Literal["planes", "eigenvalues", "curvature"] = "planes"
+    """What scans are matched by: planes; planes and edges told apart in the map (paper 002 Eq. 30); or in the scan, by
+    the curvature of its rings (LOAM)."""
     scan_voxel: PositiveFloat = 0.4
     """Scan points are averaged over voxels of this edge [m] before matching."""
     iterations: PositiveInt = 4
@@ -30,12 +54,13 @@ class OdometrySettings(Settings):
     """How well the non-holonomic constraint holds, sideways and upward [m/s]."""
     slip_gate: PositiveFloat = 16.0
     """Squared Mahalanobis distance of the forward speed beyond which the wheel slips."""
-    start_s: PositiveFloat = 1.0
+    start_s: PositiveFloat = 2.0
     """The first stretch, run several times to find speed and tilt [s]."""
     start_velocity_std: PositiveFloat = 2.0
     """What is known of the speed at the start without a wheel [m/s]."""
     start_tilt_std: PositiveFloat = 0.03
     """What is known of the vertical from the first stretch's accelerometer [rad]."""
+    extrinsics: ExtrinsicSettings = Field(default_factory=ExtrinsicSettings)
 
 
 class KeyframeSettings(Settings):

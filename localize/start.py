@@ -10,10 +10,8 @@ from localize.settings import KeyframeSettings, OdometrySettings
 from localize.state import NavState
 from semmap.geometry import Array, rotation_between, se3
 from semmap.measurements import ImuSample, Measurement, Scan, WheelSpeed
-from semmap.rig import Rig
+from semmap.rig import STANDARD_GRAVITY, Rig
 
-GRAVITY = 9.81
-"""[m/s²]; the difference to the local value goes into the accelerometer bias."""
 _PASSES = 3
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -29,6 +27,8 @@ class StartingOdometry:
         self.rig, self.settings, self.keyframes = rig, settings, keyframes
         self.odometry: Odometry | None = None
         self._held: list[Measurement] = []
+        self.T_odom_start: Array = np.eye(4)
+        """Pose (4, 4) of the imu at the first sample; it defines odom."""
 
     def add(self, measurement: Measurement) -> list[OdometryPose]:
         """Take one measurement in; the poses of the first stretch come all at once at its end."""
@@ -55,20 +55,40 @@ class StartingOdometry:
         poses: list[OdometryPose] = []
         for _ in range(_PASSES):
             self.odometry = Odometry(self.rig, self.settings, self.keyframes, self._filter(R, v, imu[0].stamp_ns))
+            self.T_odom_start = se3(R, np.zeros(3))
             poses = [pose for m in held if _usable(m, imu[0].stamp_ns) for pose in self.odometry.add(m)]
-            R, v = _refined(R, v, poses, imu[0].stamp_ns)
+            R, v = self._refined(R, v, poses, imu)
         return poses
+
+    def _refined(self, R: Array, v: Array, poses: list[OdometryPose], imu: list[ImuSample]) -> tuple[Array, Array]:
+        """Start attitude and velocity that the first stretch ended up with, carried back to its beginning."""
+        if len(poses) < 4:
+            return R, v
+        end = poses[-1].state
+        back = self._filter(R, np.zeros(3), imu[0].stamp_ns)
+        back.state.gyro_bias, back.state.accel_bias, back.state.g = end.gyro_bias, end.accel_bias, end.g
+        used = [sample for sample in imu if sample.stamp_ns <= poses[-1].stamp_ns]
+        back.predict(
+            np.array([sample.stamp_ns for sample in used]),
+            np.array([sample.gyro for sample in used]),
+            np.array([sample.accel for sample in used]),
+        )
+        level = rotation_between(-end.g, _UP)
+        return level @ R, level @ (end.v - back.state.v)
 
     def _filter(self, R: Array, v: Array, stamp_ns: int) -> ErrorStateFilter:
         rig, s = self.rig, self.settings
         state = NavState(
-            R=R.copy(), p=np.zeros(3), v=v.copy(), gyro_bias=np.zeros(3), accel_bias=np.zeros(3), g=-GRAVITY * _UP,
+            R=R.copy(), p=np.zeros(3), v=v.copy(), gyro_bias=np.zeros(3), accel_bias=np.zeros(3),
+            g=-STANDARD_GRAVITY * _UP,
             T_imu_lidar=rig.lidar.T_imu_lidar if rig.lidar else np.eye(4),
             T_imu_tag=se3(np.eye(3), rig.uwb.p_imu_tag) if rig.uwb else np.eye(4),
             T_imu_wheel=rig.wheel.T_imu_wheel if rig.wheel else np.eye(4),
-            T_odom_clone=np.eye(4),
+            T_odom_clone=np.eye(4), T_odom_map=np.eye(4), map_centre=np.zeros(3),
         )  # fmt: skip
-        P = start_covariance(rig.imu, tilt_std=s.start_tilt_std, velocity_std=s.start_velocity_std, g=state.g)
+        P = start_covariance(
+            rig.imu, tilt_std=s.start_tilt_std, velocity_std=s.start_velocity_std, g=state.g, mountings=s.extrinsics
+        )
         return ErrorStateFilter(state, P, stamp_ns, rig.imu)
 
 
@@ -87,14 +107,3 @@ def _usable(m: Measurement, begin_ns: int) -> bool:
 
 def _first_speed(held: list[Measurement]) -> float | None:
     return next((m.speed for m in held if isinstance(m, WheelSpeed)), None)
-
-
-def _refined(R: Array, v: Array, poses: list[OdometryPose], begin_ns: int) -> tuple[Array, Array]:
-    """Start attitude and velocity that the first stretch ended up with: its vertical, and the slope of its track."""
-    if len(poses) < 4:
-        return R, v
-    t = np.array([(pose.stamp_ns - begin_ns) * 1e-9 for pose in poses])
-    p = np.array([pose.state.p for pose in poses])
-    slope = np.polynomial.polynomial.polyfit(t, p, 2)[1]
-    level = rotation_between(-poses[-1].state.g, _UP)
-    return level @ R, level @ slope

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semmap.geometry import Array, se3, so3_exp, so3_log
+from semmap.geometry import Array, inverse, se3, so3_exp, so3_log, transform
 
 ROTATION = slice(0, 3)
 POSITION = slice(3, 6)
@@ -18,10 +18,11 @@ LIDAR = slice(18, 24)
 TAG = slice(24, 30)
 WHEEL = slice(30, 36)
 CLONE = slice(36, 42)
-ERROR_DIM = 42
+MAP = slice(42, 48)
+ERROR_DIM = 48
 _POSES = (slice(0, 6), LIDAR, TAG, WHEEL, CLONE)
-"""36 as in paper 000, and 6 of the last keyframe's pose, whose correlation with the present gives the relative
-pose covariance between keyframes."""
+"""36 as in paper 000; 6 of the last keyframe's pose, whose correlation with the present gives the relative pose
+covariance between keyframes; and 6 of the local map, which lies as wrong as the poses it was built from."""
 
 
 @dataclass(slots=True)
@@ -30,6 +31,8 @@ class NavState:
 
     R, p, v : attitude, position [m] and velocity [m/s] of the imu in odom.
     gyro_bias [rad/s], accel_bias [m/s²], g : gravity in odom [m/s²].
+    T_odom_map : where the local map lies, errs by ``[φ, t]``: turned by ``Exp(φ)`` about ``map_centre`` (3,), a place
+    in odom near the robot, and moved by t.
     """
 
     R: Array
@@ -42,6 +45,8 @@ class NavState:
     T_imu_tag: Array
     T_imu_wheel: Array
     T_odom_clone: Array
+    T_odom_map: Array
+    map_centre: Array
 
     @property
     def T_odom_imu(self) -> Array:
@@ -66,6 +71,8 @@ class NavState:
             T_imu_tag=_pose_plus(self.T_imu_tag, delta[TAG]),
             T_imu_wheel=_pose_plus(self.T_imu_wheel, delta[WHEEL]),
             T_odom_clone=_pose_plus(self.T_odom_clone, delta[CLONE]),
+            T_odom_map=_moved_about(self.map_centre, delta[MAP]) @ self.T_odom_map,
+            map_centre=self.map_centre,
         )
 
     def boxminus(self, other: NavState) -> Array:
@@ -80,11 +87,19 @@ class NavState:
         delta[GYRO_BIAS] = self.gyro_bias - other.gyro_bias
         delta[ACCEL_BIAS] = self.accel_bias - other.accel_bias
         delta[GRAVITY] = self.g - other.g
+        moved = self.T_odom_map @ inverse(other.T_odom_map)
+        delta[MAP] = np.concatenate([so3_log(moved[:3, :3]), transform(moved, self.map_centre) - self.map_centre])
         return delta
 
     def _poses(self) -> Array:
         """All poses (5, 4, 4), in the order of `_POSES`."""
         return np.stack([self.T_odom_imu, self.T_imu_lidar, self.T_imu_tag, self.T_imu_wheel, self.T_odom_clone])
+
+
+def _moved_about(centre: Array, delta: Array) -> Array:
+    """Transform (4, 4) that turns by ``delta[:3]`` about ``centre`` and moves by ``delta[3:]``."""
+    R = so3_exp(delta[:3])
+    return se3(R, centre - R @ centre + delta[3:])
 
 
 def _pose_plus(T: Array, delta: Array) -> Array:

@@ -1,26 +1,65 @@
-"""The local map of the odometry: voxels that each hold the plane of the points that fell in."""
+"""The local map of the odometry: voxels that each hold the plane, or the edge, of the points that fell in."""
 
 from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from localize._numba_voxels import EMPTY, downsample, insert, point_to_plane, rehash
+from localize import _numba_voxels as kernels
+from localize._numba_voxels import EMPTY, downsample, insert, point_to_shape, rehash
 from semmap.geometry import Array
+
+_MIN_POINTS = 6
+_COLUMNS = ("_count", "_mean", "_scatter", "_rows", "_axes", "_scale", "_variance")
+"""What a voxel map keeps of each voxel."""
+
+
+class Shapes(IntEnum):
+    """What is looked for in the voxels: planes, planes and edges by paper 002 Eq. 30, or edges alone."""
+
+    PLANES = kernels.PLANES
+    PLANES_AND_EDGES = kernels.PLANES_AND_EDGES
+    EDGES = kernels.EDGES
+
+
+class RangeNoise(NamedTuple):
+    """Variances of one range [m²], along its ray, and of its direction [rad²]."""
+
+    along: float
+    across: float
+
+
+class ShapeMatch(NamedTuple):
+    """Points against the shapes of a voxel map, by rotation and position of the imu in its own axes.
+
+    A (6, 6), b (6,) : ``Σ HᵀH/σ²`` and ``-Σ Hᵀr/σ²``. B (6, 6) : covariance of b from the shapes' own errors.
+    residuals, sigmas : (n, 2) [m], one across a plane, two across an edge, NaN where there is none.
+    matched : points that met a shape.
+    """
+
+    A: Array
+    b: Array
+    B: Array
+    residuals: Array
+    sigmas: Array
+    matched: int
 
 
 class VoxelMap:
-    """Planes by voxel in odom.
+    """Planes and edges by voxel, in a frame of their own, ``map`` of `localize.state`.
 
     Parameters
     ----------
     size : edge of a voxel [m].
     max_points : points after which a voxel stays as it is (early poses are the least drifted).
-    min_points : points a plane needs.
+    shapes : what is looked for.
     """
 
-    def __init__(self, size: float, *, max_points: int, min_points: int = 6) -> None:
-        self.size, self.max_points, self.min_points = size, max_points, min_points
+    def __init__(self, size: float, *, max_points: int, shapes: Shapes = Shapes.PLANES) -> None:
+        self.size, self.max_points, self.shapes = size, max_points, shapes
         self._keys = np.full(1 << 16, EMPTY, np.int64)
         self._cells = np.zeros(1 << 16, np.int64)
         self._allocate(1 << 15)
@@ -30,28 +69,32 @@ class VoxelMap:
         return self._used
 
     def _allocate(self, capacity: int) -> None:
-        self._count = np.zeros(capacity, np.int64)
-        self._mean, self._normal = np.zeros((capacity, 3)), np.zeros((capacity, 3))
-        self._scatter, self._variance = np.zeros((capacity, 6)), np.full(capacity, -1.0)
+        self._count, self._rows = np.zeros(capacity, np.int64), np.zeros(capacity, np.int64)
+        self._mean, self._scale = np.zeros((capacity, 3)), np.zeros((capacity, 3))
+        self._scatter, self._axes = np.zeros((capacity, 6)), np.zeros((capacity, 3, 3))
+        self._variance = np.zeros(capacity)
+        self._added, self._hit = np.zeros(capacity, np.int64), np.empty(capacity, np.int64)
 
-    def insert(self, points: Array) -> None:
-        """Add points (n, 3) in odom."""
+    def insert(self, points: Array) -> float:
+        """Add points (n, 3) in the map frame; returns how new the map is where they are: the share (0 to 1) of a
+        voxel's points that came with this call, in the mean over the voxels with a shape that were hit."""
         self._make_room(len(points))
-        self._used = insert(
-            points, 1.0 / self.size, self.max_points, self.min_points, self._keys, self._cells, self._used,
-            self._count, self._mean, self._scatter, self._normal, self._variance,
+        self._used, share = insert(
+            points, 1.0 / self.size, self.max_points, _MIN_POINTS, int(self.shapes), self._keys, self._cells,
+            self._used, self._count, self._mean, self._scatter, self._rows, self._axes, self._scale, self._variance,
+            self._added, self._hit,
         )  # fmt: skip
+        return float(share)
 
     def _make_room(self, n: int) -> None:
         capacity = len(self._count)
         while self._used + n > capacity:
             capacity *= 2
         if capacity > len(self._count):
-            old = (self._count, self._mean, self._scatter, self._normal, self._variance)
+            old = {name: getattr(self, name) for name in _COLUMNS}
             self._allocate(capacity)
-            new = (self._count, self._mean, self._scatter, self._normal, self._variance)
-            for source, target in zip(old, new, strict=True):
-                target[: self._used] = source[: self._used]
+            for name, column in old.items():
+                getattr(self, name)[: self._used] = column[: self._used]
         table = len(self._keys)
         while 2 * (self._used + n) > table:
             table *= 2
@@ -60,25 +103,47 @@ class VoxelMap:
             rehash(self._keys, self._cells, keys, cells)
             self._keys, self._cells = keys, cells
 
+    def forget_far(self, centre: Array, limit: int) -> None:
+        """Where there are more than ``limit`` voxels, keep the half of them nearest to ``centre`` (3,) in the map."""
+        if self._used <= limit:
+            return
+        away2 = np.sum((self._mean[: self._used] - centre) ** 2, axis=1)
+        kept = np.sort(np.argsort(away2, kind="stable")[: limit // 2])
+        filled = self._keys != EMPTY
+        keys = np.empty(self._used, np.int64)
+        keys[self._cells[filled]] = self._keys[filled]
+        for name in _COLUMNS:
+            column = getattr(self, name)
+            column[: len(kept)] = column[kept]
+        self._used = len(kept)
+        self._keys = np.full(len(self._keys), EMPTY, np.int64)
+        rehash(keys[kept], np.arange(len(kept)), self._keys, self._cells)
+
     def planes(self) -> tuple[Array, Array, Array]:
         """Means (n, 3), unit normals (n, 3) and variances along them (n,) [m²] of the voxels that have a plane."""
-        has = np.flatnonzero(self._variance[: self._used] >= 0.0)
-        return self._mean[has], self._normal[has], self._variance[has]
+        has = np.flatnonzero(self._rows[: self._used] == 1)
+        return self._mean[has], self._axes[has, 0], self._variance[has]
 
-    def point_to_plane(
-        self, points: Array, T_odom_imu: Array, T_imu_lidar: Array, *, range_variance: float, gate: float
-    ) -> tuple[Array, Array, Array, Array, int]:
-        """A (12, 12), b (12,), residuals (n,), sigmas (n,) and the number of matches; see the kernel."""
-        A, b = np.empty((12, 12)), np.empty(12)
-        residuals, sigmas = np.empty(len(points)), np.empty(len(points))
-        matched = point_to_plane(
+    def edges(self) -> tuple[Array, Array]:
+        """Means (n, 3) and unit directions (n, 3) of the voxels that have an edge."""
+        has = np.flatnonzero(self._rows[: self._used] == 2)
+        return self._mean[has], self._axes[has, 2]
+
+    def match(
+        self, points: Array, T_map_imu: Array, T_imu_lidar: Array, *, noise: RangeNoise, gate: float
+    ) -> ShapeMatch:
+        """Points (n, 3) in the lidar frame against the shapes; residuals beyond ``gate`` sigmas are left out."""
+        A, b, B = np.empty((6, 6)), np.empty(6), np.empty((6, 6))
+        residuals, sigmas = np.empty((len(points), 2)), np.empty((len(points), 2))
+        matched = point_to_shape(
             points,
-            np.ascontiguousarray(T_odom_imu[:3, :3]), np.ascontiguousarray(T_odom_imu[:3, 3]),
+            np.ascontiguousarray(T_map_imu[:3, :3]), np.ascontiguousarray(T_map_imu[:3, 3]),
             np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3]),
-            self.size, self._keys, self._cells, self._mean, self._normal, self._variance,
-            range_variance, gate, A, b, residuals, sigmas,
+            self.size, self._keys, self._cells, self._count, self._mean, self._rows, self._axes, self._scale,
+            self._variance, noise.along, noise.across, gate, self._added, np.empty(len(points), np.int64),
+            np.empty((2 * len(points), 8)), A, b, B, residuals, sigmas,
         )  # fmt: skip
-        return A, b, residuals, sigmas, matched
+        return ShapeMatch(A, b, B, residuals, sigmas, int(matched))
 
 
 def voxel_means(points: Array | NDArray[np.float32], size: float) -> Array:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 Array = NDArray[np.float64]
 
 _SMALL_ANGLE_RAD = 1e-4
+_SMALL_SINE = 0.02  # four terms of the arcsine are exact to the last bit up to here
 
 
 def skew(v: ArrayLike) -> Array:
@@ -39,6 +40,14 @@ def so3_exp(theta: ArrayLike) -> Array:
 def so3_log(R: ArrayLike) -> Array:
     """Rotation vector [rad], angle in [0, pi], of a rotation matrix; (..., 3, 3) -> (..., 3)."""
     R = np.asarray(R, dtype=np.float64)
+    axis = 0.5 * np.stack(
+        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
+    )
+    sine = np.sqrt(np.sum(axis * axis, axis=-1, keepdims=True))
+    if np.all(sine < _SMALL_SINE) and np.all(np.trace(R, axis1=-2, axis2=-1) > 1.0):
+        return np.asarray(
+            axis * (1.0 + sine * sine * (1.0 / 6.0 + sine * sine * (3.0 / 40.0 + sine * sine * 5.0 / 112.0)))
+        )
     flat = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
     return np.asarray(flat).reshape(R.shape[:-1])
 

@@ -17,7 +17,7 @@ def random_state(rng: np.random.Generator) -> NavState:
     return NavState(
         R=so3_exp(rng.normal(size=3)), p=rng.normal(size=3), v=rng.normal(size=3), gyro_bias=0.1 * rng.normal(size=3),
         accel_bias=0.1 * rng.normal(size=3), g=9.81 * g / np.linalg.norm(g), T_imu_lidar=pose(), T_imu_tag=pose(),
-        T_imu_wheel=pose(), T_odom_clone=pose(),
+        T_imu_wheel=pose(), T_odom_clone=pose(), T_odom_map=pose(), map_centre=rng.normal(size=3),
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from scipy.stats import chi2
 
 from localize._numba_propagation import propagate
 from localize.filter import ErrorStateFilter, information, start_covariance
+from localize.settings import ExtrinsicSettings
 from localize.state import CLONE, ERROR_DIM, GRAVITY, POSITION, ROTATION, VELOCITY, NavState
 from localize.wheel import _COLUMNS, WheelVelocity
 from semmap.geometry import adjoint, inverse, se3, se3_exp, se3_log, so3_exp
@@ -17,7 +18,7 @@ def level_state(v=(0.0, 0.0, 0.0)) -> NavState:
     return NavState(
         R=np.eye(3), p=np.zeros(3), v=np.array(v, float), gyro_bias=np.zeros(3), accel_bias=np.zeros(3),
         g=np.array([0.0, 0.0, -9.81]), T_imu_lidar=np.eye(4), T_imu_tag=np.eye(4), T_imu_wheel=np.eye(4),
-        T_odom_clone=np.eye(4),
+        T_odom_clone=np.eye(4), T_odom_map=np.eye(4), map_centre=np.zeros(3),
     )  # fmt: skip
 
 
@@ -84,7 +85,9 @@ def test_predicted_covariance_agrees_with_errors():
     squared = []
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
-        P = start_covariance(IMU, tilt_std=0.01, velocity_std=0.1, g=np.array([0, 0, -9.81]))
+        P = start_covariance(
+            IMU, tilt_std=0.01, velocity_std=0.1, g=np.array([0, 0, -9.81]), mountings=ExtrinsicSettings()
+        )
         start = level_state((1.0, 0, 0)).boxplus(rng.multivariate_normal(np.zeros(ERROR_DIM), P))
         bias_g, bias_a = rng.normal(size=3) * IMU.gyro_bias_std, rng.normal(size=3) * IMU.accel_bias_std
         start.gyro_bias[:], start.accel_bias[:] = 0.0, 0.0
@@ -109,7 +112,7 @@ class _PositionFix:
 
 
 def test_update_is_the_kalman_update_and_spares_what_is_known():
-    P = start_covariance(IMU, tilt_std=0.01, velocity_std=0.5, g=np.array([0, 0, -9.81]))
+    P = start_covariance(IMU, tilt_std=0.01, velocity_std=0.5, g=np.array([0, 0, -9.81]), mountings=ExtrinsicSettings())
     P[POSITION, POSITION] = np.diag([1.0, 4.0, 9.0])
     P[POSITION, VELOCITY] = P[VELOCITY, POSITION] = 0.2 * np.eye(3)
     filter = ErrorStateFilter(level_state(), P.copy(), 0, IMU)

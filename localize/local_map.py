@@ -1,0 +1,99 @@
+"""The part of the mine the odometry has seen, as what it matches its next scan to."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localize.features import curvature_features
+from localize.filter import ErrorStateFilter
+from localize.lidar import ScanPart, ScanToMap
+from localize.settings import OdometrySettings
+from localize.voxel_map import RangeNoise, Shapes, VoxelMap, voxel_means
+from semmap.errors import SettingsError
+from semmap.geometry import Array, inverse, rotation_angle, transform
+from semmap.measurements import Scan
+from semmap.rig import LidarBlock
+
+_BEAM_STD = 0.002
+"""Direction of a beam: half its divergence, as data sheets give it [rad]."""
+_STEP_M, _STEP_RAD = 0.1, 0.05
+"""A scan from nearer than this to the last mapped one is not mapped: from one place, the same few lines of rock would
+come again and again and pass for planes."""
+
+
+class Surface(NamedTuple):
+    """The points of one scan (n, 3), in the lidar frame at its end, that belong to one voxel map."""
+
+    points: Array
+    voxels: VoxelMap
+
+
+class LocalMap:
+    """Voxel maps of the shapes that the settings ask for, and how new they are.
+
+    ``T_odom_map`` and its error are states of the filter. The map is built from poses that are off: `extend` tells the
+    filter that the map now lies as wrong as the pose, by the share of it that is new.
+    """
+
+    def __init__(self, lidar: LidarBlock, settings: OdometrySettings) -> None:
+        self.settings = settings
+        self.noise = RangeNoise(lidar.range_std**2, _BEAM_STD**2)
+        shapes = Shapes.PLANES_AND_EDGES if settings.features == "eigenvalues" else Shapes.PLANES
+        self.planes = VoxelMap(settings.voxel_size, max_points=settings.voxel_points, shapes=shapes)
+        self.edges = VoxelMap(settings.voxel_size, max_points=settings.voxel_points, shapes=Shapes.EDGES)
+        self._T_odom_last: Array | None = None
+        self._new_share = 0.0
+
+    def surfaces(self, scan: Scan, deskewed: Array, known: NDArray[np.bool_]) -> list[Surface]:
+        """What of a scan goes where; ``known`` are the points of the scan that were deskewed.
+
+        Raises `SettingsError` where curvature is asked for and the LiDAR does not tell its rings.
+        """
+        if self.settings.features != "curvature":
+            return [Surface(deskewed, self.planes)]
+        if scan.ring is None:
+            raise SettingsError(
+                "needs the points' rings", field="odometry.features", mend="use 'planes', or record the field `ring`"
+            )
+        found = curvature_features(deskewed, scan.ring[known], scan.offsets_ns[known])
+        return [Surface(deskewed[found.planar], self.planes), Surface(deskewed[found.edges], self.edges)]
+
+    def match(self, surfaces: list[Surface], filter: ErrorStateFilter) -> tuple[int, int]:
+        """Update the filter with a scan; returns how many points met a shape, and how many were tried."""
+        s = self.settings
+        parts = [ScanPart(voxel_means(points, s.scan_voxel), voxels) for points, voxels in surfaces]
+        model = ScanToMap(parts, self.noise, s.gate, s.correlation, s.min_matches)
+        if len(self.planes):
+            filter.centre_map()
+            self._age(model, filter)
+            filter.update(model, iterations=s.iterations)
+        return model.matched, sum(len(part.points) for part in parts)
+
+    def _age(self, model: ScanToMap, filter: ErrorStateFilter) -> None:
+        """What is new in the map is off by itself, too, and the scan that first meets it tells by how much."""
+        if not self._new_share:
+            return
+        noise = model.map_noise(filter.state)
+        if noise is not None:
+            # the map forgets its old error at the rate at which it takes on new: so its variance stays what it is
+            filter.add_map_noise(self._new_share * (2.0 - self._new_share) * noise)
+            self._new_share = 0.0
+
+    def extend(self, surfaces: list[Surface], filter: ErrorStateFilter) -> None:
+        """Put a scan in at the filter's pose, if it is from another place than the last one."""
+        T = filter.state.T_odom_imu
+        if self._T_odom_last is not None:
+            moved = inverse(self._T_odom_last) @ T
+            if np.linalg.norm(moved[:3, 3]) < _STEP_M and rotation_angle(moved[:3, :3]) < _STEP_RAD:
+                return
+        self._T_odom_last = T
+        T_map_lidar = inverse(filter.state.T_odom_map) @ T @ filter.state.T_imu_lidar
+        for points, voxels in surfaces:
+            voxels.forget_far(T_map_lidar[:3, 3], self.settings.max_voxels)
+            share = voxels.insert(transform(T_map_lidar, points))
+            if voxels is self.planes:
+                filter.extend_map(share)
+                self._new_share = 1.0 - (1.0 - self._new_share) * (1.0 - share)
