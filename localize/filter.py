@@ -12,6 +12,7 @@ from localize._numba_propagation import deskew, propagate
 from localize.settings import ExtrinsicSettings
 from localize.state import (
     ACCEL_BIAS,
+    BIASES_FROM,
     CLONE,
     ERROR_DIM,
     GRAVITY,
@@ -127,6 +128,13 @@ class ErrorStateFilter:
         self.stamp_ns = int(stamps_ns[-1])
         return track
 
+    def transition(self, stamp_ns: int, columns: NDArray[np.int64], F: Array, Q: Array) -> None:
+        """The covariance after a prediction of another kind: ``F``, ``Q`` (k, k) over ``columns``; the rest stays."""
+        self.P[columns] = F @ self.P[columns]
+        self.P[:, columns] = self.P[:, columns] @ F.T
+        self.P[np.ix_(columns, columns)] += Q
+        self.stamp_ns = stamp_ns
+
     def update(self, model: MeasurementModel, *, iterations: int = 1, tolerance: float = 1e-4) -> Information | None:
         """Maximum a posteriori state given one sensor (paper 000 Eq. 4); returns the last linearization or None.
 
@@ -182,10 +190,11 @@ class ErrorStateFilter:
         """The planes put in lie off by themselves."""
         self.P[MAP, MAP] += covariance
 
-    def locate(self, T_map_odom: Array, covariance: Array) -> None:
+    def locate(self, T_map_odom: Array, covariance: Array, *, range_scale_std: float = 0.0) -> None:
         """Where odom lies becomes a state, from the place of the robot in the map, which is known apart from odom's.
 
         covariance : (6, 6) of that place's ``[φ, t]``: turned about the robot and moved, in the axes of the map.
+        range_scale_std : what the scale of UWB ranges may be off by; 0 does not estimate it.
         """
         s, R = self.state, T_map_odom[:3, :3]
         J = np.zeros((6, len(self.P)))
@@ -194,6 +203,7 @@ class ErrorStateFilter:
         J[3:, POSITION] = -R
         s.T_map_odom, s.odom_centre = T_map_odom, R @ s.p + T_map_odom[:3, 3]
         self._append(J, covariance)
+        self._append(np.zeros((1, len(self.P))), np.array([[range_scale_std**2]]))
 
     def centre_odom(self) -> None:
         """Tell the error of ``T_map_odom`` at the present place of the robot, as `centre_map` does."""
@@ -212,6 +222,10 @@ class ErrorStateFilter:
             self.state.anchors += (anchor,)
             self.state.range_biases = np.append(self.state.range_biases, 0.0)
             self._append(np.zeros((1, len(self.P))), np.array([[std**2]]))
+
+    def age_biases(self, variance: float) -> None:
+        """The range biases wandered, each by itself, by this much [m²]."""
+        self.P[BIASES_FROM:, BIASES_FROM:] += variance * np.eye(len(self.state.anchors))
 
     def _append(self, J: Array, covariance: Array) -> None:
         """New columns whose error is ``J`` times the old error, and an error of their own."""

@@ -133,6 +133,25 @@ class SightingSettings(Settings):
     """A sighting off by less than this is not refused [m]."""
 
 
+class RangeSettings(Settings):
+    """UWB ranges on their way into the filter."""
+
+    max_innovation: PositiveFloat = 4.0
+    """A range off by more sigmas than this is refused."""
+    min_gate: PositiveFloat = 0.3
+    """A range off by less than this is not refused [m]."""
+    huber_sigmas: PositiveFloat = 2.0
+    """Beyond this many sigmas a range weighs less."""
+    max_speed: PositiveFloat = 3.0
+    """A range that changes faster than the robot moves has jumped [m/s]."""
+    memory_s: PositiveFloat = 2.0
+    """What an anchor read longer ago than this tells nothing of its next reading [s]."""
+    in_row: PositiveInt = 3
+    """Readings in a row after which an anchor is taken to be blocked, or to be heard again."""
+    bias_walk: NonNegativeFloat = 0.003
+    """How fast what an anchor reads too long wanders [m/√s]."""
+
+
 class GraphSettings(Settings):
     """The pose graph."""
 
