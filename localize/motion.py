@@ -5,8 +5,39 @@ from __future__ import annotations
 import numpy as np
 
 from localize.filter import ErrorStateFilter
-from localize.state import POSITION, ROTATION, VELOCITY
+from localize.state import ERROR_DIM, POSITION, ROTATION, VELOCITY, NavState
 from semmap.geometry import Array, skew, so3_exp
+from semmap.rig import STANDARD_GRAVITY, ImuBlock
+
+
+def tracker(
+    stamp_ns: int,
+    p_map: Array,
+    covariance: Array,
+    *,
+    R_map_imu: Array | None = None,
+    velocity_std: Array | float = 0.0,
+    yaw_std: float = 0.0,
+    range_scale_std: float = 0.0,
+) -> ErrorStateFilter:
+    """A filter without an IMU that starts at ``p_map`` (3,), known by ``covariance`` (3, 3); odom is the map.
+
+    What is tracked is the tag. velocity_std : (3,) of its velocity, which starts at zero [m/s]; yaw_std : of the
+    attitude ``R_map_imu`` (3, 3) about the vertical [rad]; range_scale_std : of the ranges' scale.
+    """
+    state = NavState(
+        R=np.eye(3) if R_map_imu is None else R_map_imu.copy(), p=np.array(p_map, dtype=np.float64), v=np.zeros(3),
+        gyro_bias=np.zeros(3), accel_bias=np.zeros(3), g=np.array([0.0, 0.0, -STANDARD_GRAVITY]),
+        T_imu_lidar=np.eye(4), T_imu_tag=np.eye(4), T_imu_wheel=np.eye(4),
+        T_odom_clone=np.eye(4), T_odom_map=np.eye(4), map_centre=np.zeros(3),
+    )  # fmt: skip
+    filter = ErrorStateFilter(state, np.zeros((ERROR_DIM, ERROR_DIM)), stamp_ns, ImuBlock(topic=""))
+    filter.locate(np.eye(4), np.zeros((6, 6)), range_scale_std=range_scale_std)
+    filter.P[POSITION, POSITION] = covariance
+    filter.P[VELOCITY, VELOCITY] = np.diag(np.broadcast_to(velocity_std, 3) ** 2)
+    up = state.R.T[:, 2]
+    filter.P[ROTATION, ROTATION] = yaw_std**2 * np.outer(up, up)
+    return filter
 
 
 def coast(filter: ErrorStateFilter, stamp_ns: int, density: Array) -> None:

@@ -146,6 +146,8 @@ class RangeSettings(Settings):
     """A range that changes faster than the robot moves has jumped [m/s]."""
     memory_s: PositiveFloat = 2.0
     """What an anchor read longer ago than this tells nothing of its next reading [s]."""
+    together_s: PositiveFloat = 1.0
+    """Ranges of this long a time make one fix where there is nothing but ranges [s]."""
     in_row: PositiveInt = 3
     """Readings in a row after which an anchor is taken to be blocked, or to be heard again."""
     bias_walk: NonNegativeFloat = 0.003

@@ -114,7 +114,7 @@ def find_tag(ranges: Ranges, *, prior: TagFix | None = None) -> TagFix | None:
 
 
 def _fix(problem: _Problem, x: Array, others: list[Array]) -> TagFix:
-    covariance: Array = np.linalg.inv(problem.normal(x)[0])[:3, :3]
+    covariance = np.asarray(np.linalg.inv(problem.normal(x)[0])[:3, :3], dtype=np.float64)
     residuals = problem.residuals(x)
     for other in others:
         apart = other[:3] - x[:3]

@@ -12,8 +12,8 @@ from localize.state import BIASES_FROM, GRAVITY, ODOM, POSITION, RANGE_SCALE, RO
 from semmap.geometry import Array, skew
 
 _TAG_POSITION = slice(TAG.start + 3, TAG.stop)
-_COLUMNS = np.r_[ROTATION, POSITION, _TAG_POSITION, ODOM]
-_RANGE_COLUMNS = np.r_[_COLUMNS, RANGE_SCALE]
+_COLUMNS: NDArray[np.int64] = np.r_[ROTATION, POSITION, _TAG_POSITION, ODOM]
+_RANGE_COLUMNS: NDArray[np.int64] = np.r_[_COLUMNS, RANGE_SCALE]
 _NEAREST_M = 1e-3
 """Nearer than this to the anchor a range has no direction."""
 
@@ -50,9 +50,8 @@ class TagRange:
 
     def columns(self, state: NavState) -> NDArray[np.int64]:
         """Rotation, position, the tag's place on the robot, that of odom, the scale; and the bias, if there is one."""
-        if self.anchor not in state.anchors:
-            return _RANGE_COLUMNS
-        return np.r_[_RANGE_COLUMNS, BIASES_FROM + state.anchors.index(self.anchor)]
+        own = [BIASES_FROM + state.anchors.index(self.anchor)] if self.anchor in state.anchors else []
+        return np.concatenate([_RANGE_COLUMNS, np.array(own, np.int64)])
 
     def linearize(self, state: NavState) -> Information:
         covariance = np.array([[self.std**2]])
