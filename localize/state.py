@@ -58,7 +58,7 @@ class NavState:
         return NavState(**{name: getattr(self, name).copy() for name in self.__slots__})
 
     def boxplus(self, delta: Array) -> NavState:
-        """The state moved by an error (42,); gravity keeps its length, which is known (PAPERS: 000)."""
+        """The state moved by an error (48,); gravity keeps its length, which is known (PAPERS: 000)."""
         g = self.g + delta[GRAVITY]
         return NavState(
             R=self.R @ so3_exp(delta[ROTATION]),
@@ -76,13 +76,15 @@ class NavState:
         )
 
     def boxminus(self, other: NavState) -> Array:
-        """The error (42,) that takes ``other`` to this state: ``other.boxplus(self.boxminus(other)) = self``."""
-        # one call for all poses: this runs in every iteration of every update
-        mine, others = self._poses(), other._poses()
-        turns = so3_log(np.swapaxes(others[:, :3, :3], 1, 2) @ mine[:, :3, :3])
-        delta = np.empty(ERROR_DIM)
-        for columns, turn, moved in zip(_POSES, turns, (mine - others)[:, :3, 3], strict=True):
-            delta[columns] = np.concatenate([turn, moved])
+        """The error (48,) that takes ``other`` to this state: ``other.boxplus(self.boxminus(other)) = self``."""
+        delta = np.zeros(ERROR_DIM)
+        pairs = zip(_POSES, self._poses(), other._poses(), strict=True)
+        columns, mine, others = zip(*((c, T, T_other) for c, T, T_other in pairs if T is not T_other), strict=True)
+        # one call for all that moved: this runs in every iteration of every update
+        T, T_other = np.stack(mine), np.stack(others)
+        turns = so3_log(np.swapaxes(T_other[:, :3, :3], 1, 2) @ T[:, :3, :3])
+        for pose, turn, step in zip(columns, turns, (T - T_other)[:, :3, 3], strict=True):
+            delta[pose] = np.concatenate([turn, step])
         delta[VELOCITY] = self.v - other.v
         delta[GYRO_BIAS] = self.gyro_bias - other.gyro_bias
         delta[ACCEL_BIAS] = self.accel_bias - other.accel_bias
@@ -91,9 +93,9 @@ class NavState:
         delta[MAP] = np.concatenate([so3_log(moved[:3, :3]), transform(moved, self.map_centre) - self.map_centre])
         return delta
 
-    def _poses(self) -> Array:
-        """All poses (5, 4, 4), in the order of `_POSES`."""
-        return np.stack([self.T_odom_imu, self.T_imu_lidar, self.T_imu_tag, self.T_imu_wheel, self.T_odom_clone])
+    def _poses(self) -> tuple[Array, ...]:
+        """All poses (4, 4), in the order of `_POSES`."""
+        return self.T_odom_imu, self.T_imu_lidar, self.T_imu_tag, self.T_imu_wheel, self.T_odom_clone
 
 
 def _moved_about(centre: Array, delta: Array) -> Array:
@@ -103,4 +105,7 @@ def _moved_about(centre: Array, delta: Array) -> Array:
 
 
 def _pose_plus(T: Array, delta: Array) -> Array:
+    """``T`` itself where nothing moves it: mountings that are known exactly."""
+    if not delta.any():
+        return T
     return se3(T[:3, :3] @ so3_exp(delta[:3]), T[:3, 3] + delta[3:])
