@@ -17,6 +17,10 @@ _COLUMNS = np.r_[ROTATION, POSITION, LIDAR, MAP]
 _VAGUE = np.diag(np.repeat([0.05**-2, 0.5**-2], 3))
 """Where planes leave a direction open, their errors there are taken to be within 0.05 rad and 0.5 m."""
 
+_DOUBT = 1.2
+"""Noise of normals is known to so much: what is not more than this times it is nothing."""
+_TINY = 1e-9
+
 
 class ScanPart(NamedTuple):
     """Points (n, 3), deskewed, in the lidar frame at the state's time, and the map they are matched to."""
@@ -53,7 +57,7 @@ class ScanToMap:
         if self.matched < self.min_matches:
             return None
         J = _columns_of(state)
-        A, b = sum(match.A for match in matches), sum(match.b for match in matches)
+        A, b, _ = _beyond_noise(matches)
         squared = sum(float(np.nansum((match.residuals / match.sigmas) ** 2)) for match in matches)
         return Information(
             J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS, squared, self.matched
@@ -70,7 +74,7 @@ class ScanToMap:
             return None
         J = np.zeros((6, 6))
         J[:3, :3] = J[3:, 3:] = state.R
-        A, B = sum(match.A for match in matches), sum(match.B for match in matches)
+        A, _, B = _beyond_noise(matches)
         G = J @ np.linalg.inv(A + _VAGUE)
         return np.asarray(G @ B @ G.T)
 
@@ -85,6 +89,26 @@ class ScanToMap:
         ]
         self.matched = sum(match.matched for match in self._met)
         return self._met
+
+
+def _beyond_noise(matches: Sequence[ShapeMatch]) -> tuple[Array, Array, Array]:
+    """``A``, ``b`` and ``B`` of the scan, without what the noise of the normals pretends to know.
+
+    Along a smooth tunnel every normal leans by chance a little along the axis. Summed over a thousand points the small
+    leanings look like centimetres of knowledge, of which there is none: errors in the variables. Along a direction in
+    which a share γ of A comes from them, the solution of least squares is too small by ``1 - γ`` and its variance too
+    small by its square; both are put right, and where noise explains all, nothing is left. Rotation and position each
+    for themselves, so that a well known attitude does not lend its knowledge to the axis.
+    """
+    A, b, B, C = (np.asarray(sum(getattr(match, name) for match in matches)) for name in ("A", "b", "B", "C"))
+    T = np.zeros((6, 6))
+    for block in (slice(0, 3), slice(3, 6)):
+        known = A[block, block]
+        L = np.linalg.cholesky(known + (_TINY * np.trace(known)) * np.eye(3))
+        L_inverse = np.linalg.inv(L)
+        share, V = np.linalg.eigh(L_inverse @ C[block, block] @ L_inverse.T)
+        T[block, block] = L @ (V * np.maximum(0.0, 1.0 - _DOUBT * share)) @ V.T @ L_inverse
+    return T @ A @ T.T, T @ b, T @ B @ T.T
 
 
 def _columns_of(state: NavState) -> Array:

@@ -47,8 +47,8 @@ class LocalMap:
         self._T_odom_last: Array | None = None
         self._new_share = 0.0
 
-    def surfaces(self, scan: Scan, deskewed: Array, known: NDArray[np.bool_]) -> list[Surface]:
-        """What of a scan goes where; ``known`` are the points of the scan that were deskewed.
+    def surfaces(self, scan: Scan, deskewed: Array) -> list[Surface]:
+        """What of a scan's points, ``deskewed`` (n, 3), goes where.
 
         Raises `SettingsError` where curvature is asked for and the LiDAR does not tell its rings.
         """
@@ -58,7 +58,7 @@ class LocalMap:
             raise SettingsError(
                 "needs the points' rings", field="odometry.features", mend="use 'planes', or record the field `ring`"
             )
-        found = curvature_features(deskewed, scan.ring[known], scan.offsets_ns[known])
+        found = curvature_features(deskewed, scan.ring, scan.offsets_ns)
         return [Surface(deskewed[found.planar], self.planes), Surface(deskewed[found.edges], self.edges)]
 
     def match(self, surfaces: list[Surface], filter: ErrorStateFilter) -> tuple[int, int]:

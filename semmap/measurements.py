@@ -68,6 +68,14 @@ class Scan:
         """Time of the last point (``stamp_ns`` for an empty scan)."""
         return self.stamp_ns + int(self.offsets_ns.max(initial=0))
 
+    def since(self, stamp_ns: int) -> Scan:
+        """The part of the scan from ``stamp_ns`` on."""
+        if self.stamp_ns + int(self.offsets_ns.min(initial=0)) >= stamp_ns:
+            return self
+        kept = self.offsets_ns >= stamp_ns - self.stamp_ns
+        ring, intensity = (None if column is None else column[kept] for column in (self.ring, self.intensity))
+        return Scan(self.stamp_ns, self.points[kept], self.offsets_ns[kept], ring, intensity)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuSample:
