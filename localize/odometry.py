@@ -27,7 +27,7 @@ _GAP_NS = 50_000_000
 class OdometryPose:
     """What the filter knows at the end of a scan.
 
-    stamp_ns : time of the scan's end. T_odom_imu : (4, 4). covariance : (48, 48), order of `localize.state`.
+    stamp_ns : time of the scan's end. T_odom_imu : (4, 4). covariance : (dim, dim), order of `localize.state`.
     state : the whole state. deskewed : (n, 3) points in the lidar frame at that time; empty without a scan.
     matched : scan points that met a plane; considered : scan points tried.
     keyframe : whether the filter moved far enough since the last one (paper 004 Eq. 8, 9).
