@@ -128,6 +128,4 @@ def deskew(points, t_points, t, track_R, track_p, track_v, track_w, track_a, R_i
         y += sine * cy + cosine * (wz * cx - wx * cz)
         z += sine * cz + cosine * (wx * cy - wy * cx)
         for r in range(3):
-            out[i, r] = (
-                R[k, r, 0] * x + R[k, r, 1] * y + R[k, r, 2] * z + p[k, r] + dt * (v[k, r] + 0.5 * dt * a[k, r])
-            )
+            out[i, r] = R[k, r, 0] * x + R[k, r, 1] * y + R[k, r, 2] * z + p[k, r] + dt * (v[k, r] + 0.5 * dt * a[k, r])

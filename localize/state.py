@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -75,8 +74,8 @@ class NavState:
         return se3(self.R, self.p)
 
     def copy(self) -> NavState:
-        """A state of its own arrays."""
-        return copy.deepcopy(self)
+        """A state apart from this one: only R, p and v are ever changed in place."""
+        return replace(self, R=self.R.copy(), p=self.p.copy(), v=self.v.copy())
 
     def boxplus(self, delta: Array) -> NavState:
         """The state moved by an error (dim,); gravity keeps its length, which is known (PAPERS: 000)."""

@@ -73,8 +73,13 @@ class Scan:
         if self.stamp_ns + int(self.offsets_ns.min(initial=0)) >= stamp_ns:
             return self
         kept = self.offsets_ns >= stamp_ns - self.stamp_ns
-        ring, intensity = (None if column is None else column[kept] for column in (self.ring, self.intensity))
-        return Scan(self.stamp_ns, self.points[kept], self.offsets_ns[kept], ring, intensity)
+        return Scan(
+            self.stamp_ns,
+            self.points[kept],
+            self.offsets_ns[kept],
+            None if self.ring is None else self.ring[kept],
+            None if self.intensity is None else self.intensity[kept],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
