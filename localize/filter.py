@@ -36,6 +36,7 @@ class Information:
     """What a sensor says at one state: ``A = Σ HᵀN⁻¹H`` and ``b = -Σ HᵀN⁻¹r``, over the error columns ``columns``.
 
     squared : Σ rᵀN⁻¹r; count : residuals summed.
+    blind : (m, k) combinations of the columns of which the sensor says nothing, whatever A has there.
     """
 
     A: Array
@@ -43,6 +44,7 @@ class Information:
     columns: NDArray[np.int64]
     squared: float
     count: int
+    blind: Array | None = None
 
 
 class MeasurementModel(Protocol):
@@ -58,6 +60,16 @@ def information(residual: Array, H: Array, covariance: Array, columns: NDArray[n
     weighted = np.linalg.solve(covariance, H).T
     squared = float(residual @ np.linalg.solve(covariance, residual))
     return Information(weighted @ H, -weighted @ residual, columns, squared, len(residual))
+
+
+def _hanging_on(info: Information, P: Array) -> Array:
+    """Columns (dim, m), whose squares add up to the part of P that hangs on errors which a sensor is blind for."""
+    if info.blind is None:
+        return np.zeros((len(P), 0))
+    PS = P[:, info.columns] @ info.blind.T
+    values, vectors = np.linalg.eigh(info.blind @ PS[info.columns])
+    used = values > 1e-12 * max(values[-1], 1e-12)
+    return np.asarray(PS @ vectors[:, used] / np.sqrt(values[used]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +151,8 @@ class ErrorStateFilter:
         """Maximum a posteriori state given one sensor (paper 000 Eq. 4); returns the last linearization or None.
 
         Each step solves ``(I + P A) δ = P b - (x ⊟ x̂)``, which needs no inverse of P: extrinsics that are known
-        exactly have zero rows in it and stay as they are.
+        exactly have zero rows in it and stay as they are. Errors which the sensor is blind for are considered, but
+        stay as they are (Schmidt's filter): with what hangs on them they are set aside meanwhile.
         """
         predicted, info = self.state, None
         for _ in range(iterations):
@@ -147,17 +160,19 @@ class ErrorStateFilter:
             if latest is None:
                 break
             info = latest
-            PA = np.zeros_like(self.P)
-            PA[:, info.columns] = self.P[:, info.columns] @ info.A
-            M = np.eye(len(self.P)) + PA
-            pull = self.P[:, info.columns] @ info.b - self.state.boxminus(predicted)
+            aside = _hanging_on(info, self.P)
+            P = self.P - aside @ aside.T
+            PA = np.zeros_like(P)
+            PA[:, info.columns] = P[:, info.columns] @ info.A
+            M = np.eye(len(P)) + PA
+            pull = P[:, info.columns] @ info.b - self.state.boxminus(predicted)
             delta = np.asarray(np.linalg.solve(M, pull), dtype=np.float64)
             self.state = self.state.boxplus(delta)
             if np.abs(delta[:6]).max() < tolerance:
                 break
         if info is not None:
-            P = np.linalg.solve(M, self.P)
-            self.P = 0.5 * (P + P.T)
+            P, aside = np.linalg.solve(M, P), np.linalg.solve(M, aside)
+            self.P = 0.5 * (P + P.T) + aside @ aside.T
         return info
 
     def clone_pose(self) -> None:
@@ -175,12 +190,18 @@ class ErrorStateFilter:
         self.P[MAP] = J @ self.P[MAP]
         self.P[:, MAP] = self.P[:, MAP] @ J.T
 
-    def extend_map(self, share: float) -> None:
-        """The map lies, by a ``share`` of its points (0 to 1), as wrong as the present pose they were put in with."""
+    def extend_map(self, share: float, blind: Array) -> None:
+        """The map lies, by a ``share`` of its points (0 to 1), as wrong as the present pose they were put in with.
+
+        blind : (6, m) orthonormal directions, rotation first, in the imu's axes, which the older points tell nothing
+        of. What a later scan will find there is what was put in now.
+        """
+        X = np.concatenate([self.state.R @ blind[:3], self.state.R @ blind[3:]])
+        new = share * np.eye(6) + (1.0 - share) * X @ X.T
         J = np.zeros((6, len(self.P)))
-        J[:, MAP] = (1.0 - share) * np.eye(6)
-        J[:3, ROTATION] = share * self.state.R
-        J[3:, POSITION] = share * np.eye(3)
+        J[:, MAP] = np.eye(6) - new
+        J[:, ROTATION] = new[:, :3] @ self.state.R
+        J[:, POSITION] = new[:, 3:]
         rows = J @ self.P
         own = rows @ J.T
         self.P[MAP], self.P[:, MAP] = rows, rows.T

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -78,8 +77,8 @@ class NavState:
         return se3(self.R, self.p)
 
     def copy(self) -> NavState:
-        """A state of its own arrays."""
-        return copy.deepcopy(self)
+        """A state apart from this one: only R, p and v are ever changed in place."""
+        return replace(self, R=self.R.copy(), p=self.p.copy(), v=self.v.copy())
 
     def boxplus(self, delta: Array) -> NavState:
         """The state moved by an error (dim,); gravity keeps its length, which is known (PAPERS: 000)."""
@@ -112,12 +111,14 @@ class NavState:
 
         Both have the same tail.
         """
-        # one call for all poses: this runs in every iteration of every update
-        mine, others = self._poses(), other._poses()
-        turns = so3_log(np.swapaxes(others[:, :3, :3], 1, 2) @ mine[:, :3, :3])
-        delta = np.empty(self.dim)
-        for columns, turn, moved in zip(_POSES, turns, (mine - others)[:, :3, 3], strict=True):
-            delta[columns] = np.concatenate([turn, moved])
+        delta = np.zeros(self.dim)
+        pairs = zip(_POSES, self._poses(), other._poses(), strict=True)
+        columns, mine, others = zip(*((c, T, T_other) for c, T, T_other in pairs if T is not T_other), strict=True)
+        # one call for all that moved: this runs in every iteration of every update
+        T, T_other = np.stack(mine), np.stack(others)
+        turns = so3_log(np.swapaxes(T_other[:, :3, :3], 1, 2) @ T[:, :3, :3])
+        for pose, turn, step in zip(columns, turns, (T - T_other)[:, :3, 3], strict=True):
+            delta[pose] = np.concatenate([turn, step])
         delta[VELOCITY] = self.v - other.v
         delta[GYRO_BIAS] = self.gyro_bias - other.gyro_bias
         delta[ACCEL_BIAS] = self.accel_bias - other.accel_bias
@@ -130,9 +131,9 @@ class NavState:
             delta[BIASES_FROM:] = self.range_biases - other.range_biases
         return delta
 
-    def _poses(self) -> Array:
-        """All poses (5, 4, 4), in the order of `_POSES`."""
-        return np.stack([self.T_odom_imu, self.T_imu_lidar, self.T_imu_tag, self.T_imu_wheel, self.T_odom_clone])
+    def _poses(self) -> tuple[Array, ...]:
+        """All poses (4, 4), in the order of `_POSES`."""
+        return self.T_odom_imu, self.T_imu_lidar, self.T_imu_tag, self.T_imu_wheel, self.T_odom_clone
 
 
 def _moved_about(centre: Array, delta: Array) -> Array:
@@ -147,4 +148,7 @@ def _move_about(centre: Array, moved: Array) -> Array:
 
 
 def _pose_plus(T: Array, delta: Array) -> Array:
+    """``T`` itself where nothing moves it: mountings that are known exactly."""
+    if not delta.any():
+        return T
     return se3(T[:3, :3] @ so3_exp(delta[:3]), T[:3, 3] + delta[3:])
