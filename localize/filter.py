@@ -94,6 +94,13 @@ class InertialTrack:
         deskew(points, times, self.t, self.R, self.p, self.v, self.rate, self.acceleration, R, p, out)
         return out
 
+    def moved(self, T: Array) -> InertialTrack:
+        """The track as it lies after odom's ``T`` (4, 4) moved it."""
+        R = T[:3, :3]
+        return InertialTrack(
+            self.zero_ns, self.t, R @ self.R, self.p @ R.T + T[:3, 3], self.v @ R.T, self.rate, self.acceleration @ R.T
+        )
+
     @property
     def poses(self) -> Array:
         """``T_odom_imu`` (n, 4, 4) at the samples."""
@@ -171,7 +178,7 @@ class ErrorStateFilter:
             if np.abs(delta[:6]).max() < tolerance:
                 break
         if info is not None:
-            P, aside = np.linalg.solve(M, P), np.linalg.solve(M, aside)
+            P, aside = np.asarray(np.linalg.solve(M, P)), np.linalg.solve(M, aside)
             self.P = 0.5 * (P + P.T) + aside @ aside.T
         return info
 
@@ -237,12 +244,24 @@ class ErrorStateFilter:
         self.P[ODOM] = J @ self.P[ODOM]
         self.P[:, ODOM] = self.P[:, ODOM] @ J.T
 
+    def doubt_odom(self, std: float) -> None:
+        """Odom may have lain elsewhere in the map, off by so much [m]."""
+        place = np.arange(ODOM.start + 3, ODOM.stop)
+        self.P[place, place] += std**2
+
     def hear(self, anchor: int, std: float) -> None:
         """An anchor's range bias becomes a state [m]; odom must be located before."""
         if anchor not in self.state.anchors:
             self.state.anchors += (anchor,)
             self.state.range_biases = np.append(self.state.range_biases, 0.0)
             self._append(np.zeros((1, len(self.P))), np.array([[std**2]]))
+
+    def forget(self, anchor: int) -> None:
+        """An anchor's range bias is no longer a state."""
+        index, s = self.state.anchors.index(anchor), self.state
+        s.anchors, s.range_biases = s.anchors[:index] + s.anchors[index + 1 :], np.delete(s.range_biases, index)
+        column = BIASES_FROM + index
+        self.P = np.delete(np.delete(self.P, column, axis=0), column, axis=1)
 
     def age_biases(self, variance: float) -> None:
         """The range biases wandered, each by itself, by this much [m²]."""

@@ -95,7 +95,7 @@ class ScanToMap:
 
 
 class _Knowledge(NamedTuple):
-    """What a scan knows: A, b and B as in `ShapeMatch`, and the directions (6, m), unit vectors, it knows nothing of."""
+    """What a scan knows: A, b, B as in `ShapeMatch`, and the directions (6, m), unit vectors, it knows nothing of."""
 
     A: Array
     b: Array

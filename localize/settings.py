@@ -182,4 +182,5 @@ class LocalizeSettings(Settings):
     matcher: MatcherSettings = Field(default_factory=MatcherSettings)
     verification: VerificationSettings = Field(default_factory=VerificationSettings)
     sightings: SightingSettings = Field(default_factory=SightingSettings)
+    ranges: RangeSettings = Field(default_factory=RangeSettings)
     graph: GraphSettings = Field(default_factory=GraphSettings)

@@ -25,7 +25,7 @@ from localize.ranging import Ranging
 from localize.settings import RangeSettings
 from localize.tag_locator import TagLocator
 from localize.tag_position import TagFix
-from localize.uwb import TagPosition
+from localize.uwb import TagPosition, tag_in_map
 from semmap.geometry import Array, yaw_rotation
 from semmap.measurements import UwbRange
 from semmap.rig import UwbBlock
@@ -40,6 +40,8 @@ WALKER = np.array([0.5, 0.5, 0.05])
 """How people start, stop and turn [m/s²/√Hz]."""
 WALKING = np.array([1.0, 1.0, 0.1])
 """How fast they may be going at the start [m/s]."""
+_START_STD = 1.0
+"""A filter starts at a fix no worse than this [m]."""
 _FEET_NS = 1_000_000_000
 """How often the height is said again."""
 BEACONS = {"range_std": 0.5, "bias_std": 1.0, "scale_std": 0.1}
@@ -178,7 +180,7 @@ def by_constant_velocity(walk: Walk) -> Track:
     for reading in walk.readings:
         if filter is None:
             fix, _ = locator.add(reading)
-            if fix is not None:
+            if fix is not None and fix.mirror is None and _sure(fix):
                 filter = tracker(
                     reading.stamp_ns,
                     fix.p_map,
@@ -190,11 +192,15 @@ def by_constant_velocity(walk: Walk) -> Track:
         coast(filter, reading.stamp_ns, WALKER)
         if reading.stamp_ns - said_ns > _FEET_NS:
             said_ns = reading.stamp_ns
-            p = np.array([*filter.state.p[:2], TAG_HEIGHT_M])
+            p = np.array([*tag_in_map(filter.state)[:2], TAG_HEIGHT_M])
             filter.update(TagPosition(p, np.diag([100.0, 100.0, TAG_HEIGHT_STD]) ** 2))
         track.note(reading, ranging.take(reading, filter))
-        track.add(reading.stamp_ns, filter.state.p)
+        track.add(reading.stamp_ns, tag_in_map(filter.state))
     return track
+
+
+def _sure(fix: TagFix) -> bool:
+    return bool(np.linalg.eigvalsh(fix.covariance)[-1] < _START_STD**2)
 
 
 def _over(anchors: dict[int, Array]) -> Array:
@@ -260,7 +266,7 @@ def by_odometry(mow: Mow, *, ranges: bool = True) -> tuple[Track, ErrorStateFilt
             reading = next(readings, None)
         if stamp > begin_ns:
             _step(filter, stamp, distance, turn, whole)
-            track.add(stamp, filter.state.p)
+            track.add(stamp, tag_in_map(filter.state))
     return track, filter
 
 
