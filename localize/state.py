@@ -71,6 +71,10 @@ class NavState:
         """Columns of the error: `ERROR_DIM` and the tail."""
         return ERROR_DIM if self.T_map_odom is None else BIASES_FROM + len(self.anchors)
 
+    def bias_of(self, anchor: int) -> float:
+        """What an anchor reads too long [m]; zero where it has no bias."""
+        return float(self.range_biases[self.anchors.index(anchor)]) if anchor in self.anchors else 0.0
+
     @property
     def T_odom_imu(self) -> Array:
         """Pose (4, 4) of the imu."""
