@@ -79,10 +79,9 @@ class Ranging:
         state, readings = filter.state, [reading for reading, _ in self._off]
         if len({reading.anchor for reading in readings}) < _VOICES or min(off for _, off in self._off) > 0.0:
             return None
-        bias = np.array([state.bias_of(reading.anchor) for reading in readings])
         ranges = Ranges(
             np.array([self.anchors[reading.anchor] for reading in readings]),
-            (np.array([reading.distance for reading in readings]) - bias) / state.range_scale,
+            np.array([state.true_distance(reading.anchor, reading.distance) for reading in readings]),
             np.full(len(readings), self.block.range_std),
             np.array([(filter.stamp_ns - reading.stamp_ns) * 1e-9 for reading in readings]),
         )
