@@ -14,7 +14,7 @@ import numpy as np
 from localize.modes import Latch
 from localize.odometry import OdometryPose
 from localize.results import Event
-from localize.settings import DegeneracySettings, KeyframeSettings
+from localize.settings import DegeneracySettings, KeyframeSettings, ModeSettings
 from semmap.geometry import Array
 
 _TURN_KNOWN = 1.0 / 0.05**2
@@ -89,7 +89,7 @@ class _Spell:
     def direction(self) -> Array:
         """The axis (3,), its largest component positive: a direction of sliding has no sign."""
         axis: Array = np.linalg.eigh(self.scatter)[1][:, -1]
-        return axis * np.sign(axis[np.argmax(np.abs(axis))])
+        return np.asarray(axis * np.sign(axis[np.argmax(np.abs(axis))]))
 
 
 class DegeneracyMonitor:
@@ -117,19 +117,19 @@ class DegeneracyMonitor:
         """Whether any measure is, with hysteresis."""
         return any(spell.latch.on for spell in self._spells.values())
 
-    def watch(self, pose: OdometryPose, *, slack: float, dwell_s: float) -> list[Event]:
+    def watch(self, pose: OdometryPose, modes: ModeSettings) -> list[Event]:
         """Take a pose in; returns what begins and what ends with it."""
         s, R = self.settings, pose.state.R
         events = []
         if pose.scan_information is not None:
             weakest = weakest_of_scan(pose.scan_information, R)
             self.scan = weakest.degree
-            events += self._follow("scan", weakest, s.scan, pose.stamp_ns, slack, dwell_s)
+            events += self._follow("scan", weakest, s.scan, pose.stamp_ns, modes)
         degrees = self._of_covariance(pose)
         if degrees is not None:
             self.translation, self.rotation = degrees.translation.degree, degrees.rotation.degree
             for name, weakest, limit in zip(Degrees._fields, degrees, (s.translation, s.rotation), strict=True):
-                events += self._follow(name, weakest, limit, pose.stamp_ns, slack, dwell_s)
+                events += self._follow(name, weakest, limit, pose.stamp_ns, modes)
         return events
 
     def _of_covariance(self, pose: OdometryPose) -> Degrees | None:
@@ -139,13 +139,11 @@ class DegeneracyMonitor:
             return None
         return degrees_per_metre(pose.since_keyframe, pose.state.R, self.keyframes.distance)
 
-    def _follow(
-        self, name: str, weakest: Weakest, limit: float, stamp_ns: int, slack: float, dwell_s: float
-    ) -> list[Event]:
+    def _follow(self, name: str, weakest: Weakest, limit: float, stamp_ns: int, modes: ModeSettings) -> list[Event]:
         spell = self._spells[name]
         before = spell.latch
-        beyond = weakest.degree >= (limit / (1.0 + slack) if before.on else limit)
-        spell.latch = before.seen(beyond, stamp_ns, dwell_s)
+        beyond = weakest.degree >= (limit / (1.0 + modes.slack) if before.on else limit)
+        spell.latch = before.seen(beyond, stamp_ns, modes.dwell_s)
         if beyond and not before.on and before.contrary_ns is None:
             spell.scatter, spell.worst, spell.begin_ns = np.zeros((3, 3)), 0.0, stamp_ns
         if beyond:
@@ -162,7 +160,7 @@ def _event(name: str, spell: _Spell, stamp_ns: int) -> Event:
         "kind": "degenerate",
         "of": name,
         "begun": spell.latch.on,
-        "direction_odom" if name != "rotation" else "axis_imu": spell.direction().tolist(),
+        "axis_imu" if name == "rotation" else "direction_odom": spell.direction().tolist(),
         "degree": spell.worst if np.isfinite(spell.worst) else None,
         "since_s": (stamp_ns - spell.begin_ns) * 1e-9,
     }
