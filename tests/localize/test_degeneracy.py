@@ -94,7 +94,7 @@ def test_in_a_smooth_drift_the_axis_is_told_once(seed, beams):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_in_rough_roadways_nothing_degenerates(seed):
-    events, monitor, _ = watched("random", seed, 5.0, 10.0)
+    events, monitor, _ = watched("demo", seed, 5.0, 10.0)
     assert not events and not monitor.degenerate and monitor.degree < 0.6
 
 
