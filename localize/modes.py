@@ -2,37 +2,27 @@
 
 A mode is `LI` (`I` without a LiDAR) and the letter of what holds the place beside it:
 
-====  ====================================  ======================================
-mode  when                                  fused beside LiDAR and IMU
-====  ====================================  ======================================
-LIP   the total station sees the prism      prism, UWB, wheel
-LIU   anchors are heard, in their sphere    UWB, wheel
-LIW   neither, and the LiDAR degenerates    wheel
-LIO   neither, and it does not, or the      wheel
+====  ===================================  ===================  ================================
+mode  when                                 holds the place      fused beside it, while it passes
+====  ===================================  ===================  ================================
+LIP   the total station sees the prism     prism                LiDAR, UWB, wheel
+LIU   anchors are heard, in their sphere   UWB                  LiDAR, wheel
+LIW   neither, and the LiDAR degenerates   wheel, along there   LiDAR, odd ranges
+LIO   neither, and it does not, or the     LiDAR                wheel, odd ranges
       wheel slips or is silent
-====  ====================================  ======================================
+====  ===================================  ===================  ================================
 
-Paper 000 takes the wheel in for LIW alone. Here it is fused wherever it grips: where LiDAR or UWB hold the velocity its
-scale is learnt and its slip is noticed, and the tunnel that needs both begins without warning. Ranges that come from
-beyond the sphere are not fused, as in the paper.
+Paper 000 takes UWB in for LIU alone and the wheel for LIW alone. Here whatever passes its own check is fused in every
+mode, and the mode says which of it the place hangs on: where LiDAR or UWB hold the velocity the wheel's scale is learnt
+and its slip is noticed, and the tunnel that needs both begins without warning; a range that fits does no harm anywhere.
+Leaving a sensor out is the rig's matter (`Rig.without`), not the mode's.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 from localize.settings import ModeSettings
-
-Aid = Literal["prism", "uwb", "wheel"]
-
-FUSES: dict[str, frozenset[Aid]] = {
-    "P": frozenset({"prism", "uwb", "wheel"}),
-    "U": frozenset({"uwb", "wheel"}),
-    "W": frozenset({"wheel"}),
-    "O": frozenset({"wheel"}),
-}
-"""What is fused beside LiDAR and IMU, by the mode's last letter: the table above."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +67,6 @@ class ModeState:
     uwb: Latch = field(default_factory=Latch)
     wheel: Latch = field(default_factory=Latch)
     degenerate: Latch = field(default_factory=Latch)
-
-    @property
-    def fuses(self) -> frozenset[Aid]:
-        """The sensors fused beside LiDAR and IMU."""
-        return FUSES[self.mode[-1:] or "P"]
 
 
 def next_mode(state: ModeState, evidence: Evidence, settings: ModeSettings, *, lidar: bool) -> ModeState:

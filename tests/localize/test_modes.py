@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from localize.modes import FUSES, Evidence, Latch, ModeState, next_mode
+from localize.modes import Evidence, Latch, ModeState, next_mode
 from localize.settings import ModeSettings
 
 SETTINGS = ModeSettings()
@@ -96,10 +96,3 @@ def test_a_latch_waits_for_evidence_without_a_break():
     for k, on in enumerate([True] * 9 + [False] + [True] * 10):
         latch = latch.seen(on, k * STEP_NS, 1.0)
     assert not latch.on and latch.seen(True, 20 * STEP_NS, 1.0).on
-
-
-def test_every_mode_says_what_it_fuses():
-    assert set(FUSES) == {"P", "U", "W", "O"}
-    assert run([DEGENERATE])[-1].fuses == {"wheel"}
-    assert "uwb" in run([Evidence(0, anchors=4)])[-1].fuses
-    assert ModeState().fuses == {"prism", "uwb", "wheel"}
