@@ -6,20 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from localize.degeneracy import DegeneracyMonitor
 from localize.graph import PoseGraph
 from localize.keyframes import Keyframe, Keyframes
 from localize.matcher import IntersectionMatcher, Recognition
-from localize.modes import Evidence, ModeState, next_mode
 from localize.odometry import OdometryPose
 from localize.ranging import Ranging
-from localize.results import Event, LocalizationResult, State, Uncertainty, Update
+from localize.results import Event, LocalizationResult, State, Update
 from localize.settings import LocalizeSettings
 from localize.sightings import Sighting, Sightings
-from localize.slip import WheelFusion
 from localize.smoothing import smoothed
 from localize.start import StartingOdometry
-from localize.state import POSITION, ROTATION
+from localize.watch import ModeWatch
 from semmap.geometry import Array, adjoint, inverse, rotation_between, se3, transform
 from semmap.intersections import SemanticMap
 from semmap.measurements import Measurement, PrismFix, UwbRange
@@ -83,11 +80,7 @@ class Localizer:
         }
         self._anchors_that_are: dict[str, set[int]] = {"blocked": set(), "silent": set()}
         self._recognised: set[int] = set()
-        self._mode = ModeState()
-        self._degeneracy = DegeneracyMonitor(self.settings.degeneracy, self.settings.keyframes)
-        self._uncertainty: list[Uncertainty] = []
-        self._slips_told = 0
-        self._fitted_ns: dict[str, dict[int | None, int]] = {"uwb": {}, "prism": {}}
+        self._watch = ModeWatch(self.settings, lidar=rig.lidar is not None)
         self._pins_dirty = False
 
     def add(self, measurement: Measurement) -> Update | None:
@@ -113,14 +106,13 @@ class Localizer:
             trajectory = _trajectory("map", [])
         realtime = _trajectory(frame, self._realtime_track)
         return LocalizationResult(
-            trajectory, realtime, odometry, tuple(self._events), self._summary(), tuple(self._uncertainty)
+            trajectory, realtime, odometry, tuple(self._events), self._summary(), tuple(self._watch.uncertainty)
         )
 
     def _reached(self, pose: OdometryPose) -> Update:
         """The steps of paper 004 section 3 for one scan."""
         self._odometry_track.append((pose.stamp_ns, pose.T_odom_imu))
         self._counts["scans"] += 1
-        self._note_slips(pose.stamp_ns)
         if pose.keyframe:
             self._newest = self._add_keyframe(pose)
             self._recognise_intersection(self._newest)
@@ -131,7 +123,7 @@ class Localizer:
             self._share_ranges()
         self._note_mode(pose)
         update = self._publish(pose)
-        self._note_uncertainty(pose, update)
+        self._watch.note_uncertainty(pose, update)
         return update
 
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
@@ -222,7 +214,7 @@ class Localizer:
             return
         for reading, verdict in engine.judged:
             if not verdict.refused:
-                self._fitted_ns["uwb"][reading.anchor] = reading.stamp_ns
+                self._watch.fitted("uwb", reading.anchor, reading.stamp_ns)
                 continue
             off = {"off_m": verdict.innovation, "why": verdict.refused}
             self._event(reading.stamp_ns, "range_refused", anchor=reading.anchor, **off)
@@ -247,7 +239,8 @@ class Localizer:
         p_imu = transform(inverse(self._keyframe_track[index][1]), sighting.p_odom[None])[0]
         predicted = transform(self._graph.pose(index), p_imu[None])[0]
         error = predicted - sighting.p_map
-        off = abs(np.linalg.norm(error) - sighting.distance)
+        distance = self._true_distance(sighting)
+        off = abs(np.linalg.norm(error) - distance)
         s = self.settings.sightings
         std = float(np.hypot(sighting.std, np.sqrt(np.trace(self._covariance[3:, 3:]))))
         if gate and off > max(s.min_gate, s.max_innovation * std):
@@ -261,44 +254,22 @@ class Localizer:
             variance = sighting.std**2 + self.settings.graph.drift_position**2
             self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3))
         else:
-            self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, sighting.distance, sighting.std)
-        self._fitted_ns["prism" if sighting.anchor is None else "uwb"][sighting.anchor] = sighting.stamp_ns
+            self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, distance, sighting.std)
+        self._watch.fitted("prism" if sighting.anchor is None else "uwb", sighting.anchor, sighting.stamp_ns)
         self._counts["pins"] += 1
         self._pins_dirty = True
 
-    def _note_mode(self, pose: OdometryPose) -> None:
-        s = self.settings.modes
-        self._events.extend(self._degeneracy.watch(pose, s))
-        mode = next_mode(self._mode, self._evidence(pose), s, lidar=self.rig.lidar is not None)
-        if mode.mode != self._mode.mode:
-            self._event(pose.stamp_ns, "mode", before=self._mode.mode, after=mode.mode)
-        self._mode = mode
-
-    def _wheel(self) -> WheelFusion | None:
+    def _true_distance(self, sighting: Sighting) -> float:
+        """As the filter has come to know the radios."""
         engine = self._odometry.odometry
-        return engine.wheel if engine is not None else None
+        if sighting.anchor is None or engine is None:
+            return sighting.distance
+        return engine.filter.state.true_distance(sighting.anchor, sighting.distance)
 
-    def _note_slips(self, stamp_ns: int) -> None:
-        wheel = self._wheel()
-        changes = wheel.changes[self._slips_told :] if wheel is not None else []
-        for change in changes:
-            if change.stamp_ns > stamp_ns:
-                break
-            self._event(change.stamp_ns, "slip", begun=change.slipping, excess_m_s=change.excess)
-            self._slips_told += 1
-
-    def _evidence(self, pose: OdometryPose) -> Evidence:
-        """What the mode is concluded from (paper 000 Eq. 18, 19)."""
-        since_ns = pose.stamp_ns - round(self.settings.modes.hold_s * 1e9)
-        wheel = self._wheel()
-        return Evidence(
-            pose.stamp_ns,
-            anchors=sum(stamp_ns > since_ns for stamp_ns in self._fitted_ns["uwb"].values()),
-            outside=self._outside_sphere(pose),
-            prism=any(stamp_ns > since_ns for stamp_ns in self._fitted_ns["prism"].values()),
-            wheel=wheel is not None and wheel.gripped_ns > since_ns,
-            degree=self._degeneracy.degree,
-        )
+    def _note_mode(self, pose: OdometryPose) -> None:
+        engine = self._odometry.odometry
+        wheel = engine.wheel if engine is not None else None
+        self._events.extend(self._watch.reached(pose, wheel, outside=self._outside_sphere(pose)))
 
     def _outside_sphere(self, pose: OdometryPose) -> float | None:
         """How far from the middle of the anchors' sphere over its radius (Eq. 18); None where place or sphere are not
@@ -308,18 +279,6 @@ class Localizer:
             return None
         p_map = transform(self._T_map_odom(), pose.state.p[None])[0] + self._shift
         return float(np.linalg.norm(p_map - uwb.center) / uwb.max_range)
-
-    def _note_uncertainty(self, pose: OdometryPose, update: Update) -> None:
-        position_map = None
-        if update.T_map_imu is not None and update.covariance is not None:
-            R = update.T_map_imu[:3, :3]
-            position_map = R @ update.covariance[3:, 3:] @ R.T
-        P, d = pose.covariance, self._degeneracy
-        row = Uncertainty(
-            pose.stamp_ns, self._mode.mode, d.degenerate, d.scan, d.translation, d.rotation,
-            np.sqrt(np.diag(P)[ROTATION]), P[POSITION, POSITION].copy(), position_map,
-        )  # fmt: skip
-        self._uncertainty.append(row)
 
     def _anchor(self, T_map_odom: Array, stamp_ns: int, by: str) -> None:
         self._graph.anchor(T_map_odom)
@@ -363,7 +322,7 @@ class Localizer:
             **self._counts,
             "intersections_recognised": sorted(self._recognised),
             "dropped": dict(engine.dropped) if engine else {},
-            "wheel_slips": self._slips_told // 2 + self._slips_told % 2,
+            "wheel_slips": sum(change.slipping for change in engine.wheel.changes) if engine and engine.wheel else 0,
             "wheel_scale": engine.filter.state.wheel_scale if engine and engine.wheel else None,
             "imu_gaps": engine.gaps if engine else 0,
             "unknown_anchors": sorted(self._sightings.unknown_anchors),
