@@ -23,6 +23,7 @@ import numpy as np
 
 import semmap
 from localize import LocalizationResult, Localizer
+from localize.compilation import kernels_compiled
 from localize.results import Uncertainty
 from semmap import database
 from semmap.errors import SettingsError
@@ -71,6 +72,8 @@ def localize_recording(
     rig = Rig.from_yaml(rig_file).without(*without)
     semantic_map = database.load(map_file) if map_file is not None and "intersections" not in without else None
     localizer = Localizer(rig, semantic_map, settings.localize)
+    if not kernels_compiled():
+        print("compiling the kernels of the odometry, once: up to half a minute", file=sys.stderr)
     started = time.perf_counter()
     measurements = read_recording(recording, rig, progress=progress)
     scan_ms = stream(localizer, measurements)
