@@ -20,4 +20,4 @@ def _cached(kernel: Dispatcher) -> bool:
     source = Path(code.co_filename)
     name = f"{source.stem}.{code.co_name}-{code.co_firstlineno}.*.nbi"
     made = source.stat().st_mtime
-    return any(index.stat().st_mtime >= made for index in Path(kernel.stats.cache_path).glob(name))
+    return any(index.stat().st_mtime >= made for index in Path(str(kernel.stats.cache_path)).glob(name))
