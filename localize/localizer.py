@@ -9,7 +9,6 @@ import numpy as np
 from localize.graph import PoseGraph
 from localize.keyframes import Keyframe, Keyframes
 from localize.matcher import IntersectionMatcher, Recognition
-from localize.modes import mode_of
 from localize.odometry import OdometryPose
 from localize.ranging import Ranging
 from localize.results import Event, LocalizationResult, State, Update
@@ -17,6 +16,7 @@ from localize.settings import LocalizeSettings
 from localize.sightings import Sighting, Sightings
 from localize.smoothing import smoothed
 from localize.start import StartingOdometry
+from localize.watch import ModeWatch
 from semmap.geometry import Array, adjoint, inverse, rotation_between, se3, transform
 from semmap.intersections import SemanticMap
 from semmap.measurements import Measurement, PrismFix, UwbRange
@@ -80,8 +80,7 @@ class Localizer:
         }
         self._anchors_that_are: dict[str, set[int]] = {"blocked": set(), "silent": set()}
         self._recognised: set[int] = set()
-        self._mode = ""
-        self._last_used_ns: dict[str, int] = {}
+        self._watch = ModeWatch(self.settings, lidar=rig.lidar is not None)
         self._pins_dirty = False
 
     def add(self, measurement: Measurement) -> Update | None:
@@ -106,7 +105,9 @@ class Localizer:
         elif self._referenced:
             trajectory = _trajectory("map", [])
         realtime = _trajectory(frame, self._realtime_track)
-        return LocalizationResult(trajectory, realtime, odometry, tuple(self._events), self._summary())
+        return LocalizationResult(
+            trajectory, realtime, odometry, tuple(self._events), self._summary(), tuple(self._watch.uncertainty)
+        )
 
     def _reached(self, pose: OdometryPose) -> Update:
         """The steps of paper 004 section 3 for one scan."""
@@ -120,8 +121,10 @@ class Localizer:
         if self._pins_dirty:
             self._solve()
             self._share_ranges()
-        self._note_mode(pose.stamp_ns)
-        return self._publish(pose)
+        self._note_mode(pose)
+        update = self._publish(pose)
+        self._watch.note_uncertainty(pose, update)
+        return update
 
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
         keyframe = self._keyframes.add(pose)
@@ -211,7 +214,7 @@ class Localizer:
             return
         for reading, verdict in engine.judged:
             if not verdict.refused:
-                self._last_used_ns["uwb"] = reading.stamp_ns
+                self._watch.fitted("uwb", reading.anchor, reading.stamp_ns)
                 continue
             off = {"off_m": verdict.innovation, "why": verdict.refused}
             self._event(reading.stamp_ns, "range_refused", anchor=reading.anchor, **off)
@@ -252,7 +255,7 @@ class Localizer:
             self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3))
         else:
             self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, distance, sighting.std)
-        self._last_used_ns["prism" if sighting.anchor is None else "uwb"] = sighting.stamp_ns
+        self._watch.fitted("prism" if sighting.anchor is None else "uwb", sighting.anchor, sighting.stamp_ns)
         self._counts["pins"] += 1
         self._pins_dirty = True
 
@@ -263,14 +266,19 @@ class Localizer:
             return sighting.distance
         return engine.filter.state.true_distance(sighting.anchor, sighting.distance)
 
-    def _note_mode(self, stamp_ns: int) -> None:
+    def _note_mode(self, pose: OdometryPose) -> None:
         engine = self._odometry.odometry
-        if engine is not None:
-            self._last_used_ns["wheel"] = engine.last_wheel_used_ns
-        mode = mode_of(stamp_ns, self._last_used_ns, lidar=self.rig.lidar is not None)
-        if mode != self._mode:
-            self._event(stamp_ns, "mode", before=self._mode, after=mode)
-            self._mode = mode
+        wheel = engine.wheel if engine is not None else None
+        self._events.extend(self._watch.reached(pose, wheel, outside=self._outside_sphere(pose)))
+
+    def _outside_sphere(self, pose: OdometryPose) -> float | None:
+        """How far from the middle of the anchors' sphere over its radius (Eq. 18); None where place or sphere are not
+        known."""
+        uwb = self.rig.uwb
+        if uwb is None or uwb.center is None or uwb.max_range is None or not self._graph.anchored:
+            return None
+        p_map = transform(self._T_map_odom(), pose.state.p[None])[0] + self._shift
+        return float(np.linalg.norm(p_map - uwb.center) / uwb.max_range)
 
     def _anchor(self, T_map_odom: Array, stamp_ns: int, by: str) -> None:
         self._graph.anchor(T_map_odom)
@@ -314,7 +322,8 @@ class Localizer:
             **self._counts,
             "intersections_recognised": sorted(self._recognised),
             "dropped": dict(engine.dropped) if engine else {},
-            "wheel_slips": engine.slips if engine else 0,
+            "wheel_slips": sum(change.slipping for change in engine.wheel.changes) if engine and engine.wheel else 0,
+            "wheel_scale": engine.filter.state.wheel_scale if engine and engine.wheel else None,
             "imu_gaps": engine.gaps if engine else 0,
             "unknown_anchors": sorted(self._sightings.unknown_anchors),
             "state": self._state,

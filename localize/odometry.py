@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localize.filter import ErrorStateFilter, InertialTrack, joined
-from localize.local_map import LocalMap
+from localize.local_map import LocalMap, ScanMatch
 from localize.range_check import Verdict
 from localize.ranging import Ranging
 from localize.settings import KeyframeSettings, OdometrySettings
+from localize.slip import WheelFusion
 from localize.state import NavState
 from localize.uwb import Vertical
-from localize.wheel import WheelVelocity
 from semmap.geometry import Array, inverse, rotation_angle, transform
 from semmap.measurements import ImuSample, Measurement, Scan, UwbRange, WheelSpeed
 from semmap.rig import Rig
@@ -39,6 +39,7 @@ class OdometryPose:
     keyframe : whether the filter moved far enough since the last one (paper 004 Eq. 8, 9).
     T_keyframe_imu : (4, 4) pose relative to the last keyframe; where ranges came in between, as now known of both.
     since_keyframe : (6, 6) covariance of that, rotation first, right perturbation.
+    scan_information : (6, 6) what the scan alone says of the pose, None without one (see `ScanMatch`).
     """
 
     stamp_ns: int
@@ -50,6 +51,7 @@ class OdometryPose:
     keyframe: bool
     T_keyframe_imu: Array
     since_keyframe: Array
+    scan_information: Array | None
 
     @property
     def T_odom_imu(self) -> Array:
@@ -75,13 +77,13 @@ class Odometry:
         self.rig, self.settings, self.keyframes, self.filter = rig, settings, keyframes, start
         self.map = LocalMap(rig.lidar, settings) if rig.lidar is not None else None
         self.dropped: dict[str, int] = {}
-        self.slips = self.gaps = 0
+        self.wheel = WheelFusion(rig.wheel, settings) if rig.wheel is not None else None
+        self.gaps = 0
         self._imu: list[ImuSample] = []
         self._imu_stamps: list[int] = []
         self._wheel: list[WheelSpeed] = []
         self._scans: list[Scan] = []
         self._last_wheel_ns = -(1 << 62)
-        self.last_wheel_used_ns = -(1 << 62)
         self._T_odom_keyframe: Array | None = None
         self.ranging: Ranging | None = None
         self.judged: list[tuple[UwbRange, Verdict]] = []
@@ -99,7 +101,7 @@ class Odometry:
         match measurement:
             case ImuSample():
                 self._add_imu(measurement)
-            case WheelSpeed() if self.rig.wheel is not None:
+            case WheelSpeed() if self.wheel is not None:
                 if self._in_time(measurement.stamp_ns, "wheel"):
                     bisect.insort(self._wheel, measurement, key=lambda m: m.stamp_ns)
             case UwbRange() if self.ranging is not None:
@@ -148,22 +150,22 @@ class Odometry:
         """One scan: propagate with the wheel on the way, deskew, match, extend the local map."""
         track = self._propagate(end_ns)
         deskewed = np.empty((0, 3))
-        matched = considered = 0
+        match = ScanMatch(0, 0, None)
         T_imu_lidar = self.filter.state.T_imu_lidar
         if scan is not None and self.map is not None:
             scan = scan.since(track.zero_ns - _TICK_NS // 2)
             sparse = scan.thinned(self.settings.scan_points)
             deskewed = track.deskew(sparse.points, sparse.offsets_ns, sparse.stamp_ns, T_imu_lidar)
             surfaces = self.map.surfaces(sparse, deskewed)
-            matched, considered = self.map.match(surfaces, self.filter)
+            match = self.map.match(surfaces, self.filter)
             self.map.extend(surfaces, self.filter)
         T_keyframe_imu, covariance = self._since_keyframe(), self.filter.covariance_since_clone()
         keyframe = self._keyframe_rule()
         if keyframe and scan is not None:
             deskewed = track.deskew(scan.points, scan.offsets_ns, scan.stamp_ns, T_imu_lidar)
         return OdometryPose(
-            end_ns, self.filter.state.copy(), self.filter.P.copy(), deskewed, matched, considered, keyframe,
-            T_keyframe_imu, covariance,
+            end_ns, self.filter.state.copy(), self.filter.P.copy(), deskewed, match.matched, match.considered, keyframe,
+            T_keyframe_imu, covariance, match.information,
         )  # fmt: skip
 
     def _since_keyframe(self) -> Array:
@@ -198,7 +200,8 @@ class Odometry:
             if reading.stamp_ns > self.filter.stamp_ns:
                 tracks.append(self._predict(reading.stamp_ns))
                 self._last_wheel_ns = reading.stamp_ns
-                self._take_wheel(reading, tracks[-1].rate[-1] + self.filter.state.gyro_bias)
+                if self.wheel is not None:
+                    self.wheel.take(reading, tracks[-1].rate[-1] + self.filter.state.gyro_bias, self.filter)
         self._take_ranges(end_ns, tracks)
         if end_ns > self.filter.stamp_ns or not tracks:
             tracks.append(self._predict(end_ns))
@@ -236,14 +239,3 @@ class Odometry:
         )
         del self._imu[:first], self._imu_stamps[:first]
         return track
-
-    def _take_wheel(self, reading: WheelSpeed, gyro: Array) -> None:
-        assert self.rig.wheel is not None
-        s = self.settings
-        forward = np.hypot(self.rig.wheel.speed_std, s.wheel_scale_std * reading.speed)
-        model = WheelVelocity(reading.speed, gyro, np.array([forward, s.sideways_std, s.sideways_std]))
-        if model.forward_mahalanobis2(self.filter.state, self.filter.P) > s.slip_gate:
-            self.slips += 1
-            return
-        self.filter.update(model)
-        self.last_wheel_used_ns = reading.stamp_ns

@@ -50,12 +50,10 @@ class OdometrySettings(Settings):
     min_matches: PositiveInt = 30
     wheel_interval_s: PositiveFloat = 0.1
     """Wheel readings closer than this are skipped: their errors repeat."""
-    wheel_scale_std: PositiveFloat = 0.01
-    """Unknown scale of the wheel, relative."""
+    wheel_scale_std: NonNegativeFloat = 0.01
+    """How far off the wheel's scale may be, relative; it is estimated. 0 takes the wheel at its word."""
     sideways_std: PositiveFloat = 0.1
     """How well the non-holonomic constraint holds, sideways and upward [m/s]."""
-    slip_gate: PositiveFloat = 16.0
-    """Squared Mahalanobis distance of the forward speed beyond which the wheel slips."""
     start_s: PositiveFloat = 2.0
     """The first stretch, run several times to find speed and tilt [s]."""
     start_velocity_std: PositiveFloat = 2.0
@@ -116,6 +114,33 @@ class VerificationSettings(Settings):
     """Sensor and map noise of one pair of points [m]."""
     agreement: PositiveFloat = 1.0
     """Places found from different keyframes must be this close in odom [m]."""
+
+
+class DegeneracySettings(Settings):
+    """When the pose counts as degenerate, in some direction (paper 000 Eq. 15 to 17)."""
+
+    measure: Literal["per metre", "paper"] = "per metre"
+    """What of the covariance is compared: standard deviation of the way from keyframe to keyframe over its length, or
+    the eigenvalues of paper 000's M = BᵀB as printed."""
+    translation: PositiveFloat = 0.05
+    """Threshold D_p: [m] a metre, or as printed."""
+    rotation: PositiveFloat = 0.05
+    """Threshold D_r: [rad] a metre, or as printed."""
+    scan: PositiveFloat = 0.05
+    """A scan alone that places the LiDAR no better than this in some direction is weak there [m]."""
+
+
+class ModeSettings(Settings):
+    """When the motion mode changes (paper 000 Eq. 18, 19)."""
+
+    hold_s: PositiveFloat = 2.0
+    """A sensor that said nothing for this long no longer counts [s]."""
+    dwell_s: PositiveFloat = 1.0
+    """Evidence must last this long before it counts [s]."""
+    slack: PositiveFloat = 0.25
+    """How far back beyond its limit a conclusion must be before it is given up, relative."""
+    min_anchors: PositiveInt = 2
+    """Anchors that must be heard before UWB holds the place; it does until none is."""
 
 
 class SightingSettings(Settings):
@@ -184,5 +209,7 @@ class LocalizeSettings(Settings):
     matcher: MatcherSettings = Field(default_factory=MatcherSettings)
     verification: VerificationSettings = Field(default_factory=VerificationSettings)
     sightings: SightingSettings = Field(default_factory=SightingSettings)
+    degeneracy: DegeneracySettings = Field(default_factory=DegeneracySettings)
+    modes: ModeSettings = Field(default_factory=ModeSettings)
     ranges: RangeSettings = Field(default_factory=RangeSettings)
     graph: GraphSettings = Field(default_factory=GraphSettings)
