@@ -80,6 +80,7 @@ class Accuracy:
 
     avg_err, total_err : mean and sum of the distances at the ``compared`` of the 15 check points (paper 000, section
         VI). realtime_err : that mean for what was known when each scan was done; NaN where nothing was.
+    from_truth : ``avg_err`` when the truth over the outer tunnel gives the start, whoever it is.
     rmse, max : over all poses. percent : ``avg_err`` of the ``metres`` driven.
     placed : how it came into the map: by itself, or by the truth over the outer tunnel.
     """
@@ -88,6 +89,7 @@ class Accuracy:
     total_err: float
     compared: int
     realtime_err: float
+    from_truth: float
     rmse: float
     max: float
     percent: float
@@ -129,10 +131,9 @@ def accuracy_of_run(out: Path, truth: Trajectory) -> Accuracy:
 def accuracy(estimate: Trajectory, truth: Trajectory, realtime: Trajectory | None = None) -> Accuracy:
     """A trajectory against the truth; one in a frame of its own is put onto the truth over the outer tunnel."""
     pairs = metrics.associate(estimate, truth)
-    T = np.eye(4)
-    if estimate.frame != MAP_FRAME:
-        T = outer_alignment(pairs)
-        pairs = pairs.aligned(T)
+    outer = outer_alignment(pairs)
+    T = np.eye(4) if estimate.frame == MAP_FRAME else outer
+    pairs = pairs.aligned(T)
     stamps = check_stamps(truth)
     points, errors = truth.at(stamps)[:, :3, 3], pairs.position_errors()
     at = _check_errors(estimate, T, stamps, points)
@@ -143,6 +144,7 @@ def accuracy(estimate: Trajectory, truth: Trajectory, realtime: Trajectory | Non
         total_err=float(at.sum()),
         compared=len(at),
         realtime_err=float(now.mean()) if len(now) else np.nan,
+        from_truth=float(_check_errors(estimate, outer, stamps, points).mean()),
         rmse=float(np.sqrt(np.mean(errors**2))),
         max=float(errors.max()),
         percent=100.0 * float(at.mean()) / metres,
