@@ -18,6 +18,7 @@ from localize.state import (
     GYRO_BIAS,
     LIDAR,
     MAP,
+    ODOM,
     POSITION,
     ROTATION,
     TAG,
@@ -104,7 +105,7 @@ class ErrorStateFilter:
 
     Parameters
     ----------
-    state, P : start values, P (48, 48) in the order of `localize.state`.
+    state, P : start values, P (dim, dim) in the order of `localize.state`.
     stamp_ns : their time.
     imu : noise densities.
     """
@@ -138,9 +139,9 @@ class ErrorStateFilter:
             if latest is None:
                 break
             info = latest
-            PA = np.zeros((ERROR_DIM, ERROR_DIM))
+            PA = np.zeros_like(self.P)
             PA[:, info.columns] = self.P[:, info.columns] @ info.A
-            M = np.eye(ERROR_DIM) + PA
+            M = np.eye(len(self.P)) + PA
             pull = self.P[:, info.columns] @ info.b - self.state.boxminus(predicted)
             delta = np.asarray(np.linalg.solve(M, pull), dtype=np.float64)
             self.state = self.state.boxplus(delta)
@@ -168,7 +169,7 @@ class ErrorStateFilter:
 
     def extend_map(self, share: float) -> None:
         """The map lies, by a ``share`` of its points (0 to 1), as wrong as the present pose they were put in with."""
-        J = np.zeros((6, ERROR_DIM))
+        J = np.zeros((6, len(self.P)))
         J[:, MAP] = (1.0 - share) * np.eye(6)
         J[:3, ROTATION] = share * self.state.R
         J[3:, POSITION] = share * np.eye(3)
@@ -181,12 +182,48 @@ class ErrorStateFilter:
         """The planes put in lie off by themselves."""
         self.P[MAP, MAP] += covariance
 
+    def locate(self, T_map_odom: Array, covariance: Array) -> None:
+        """Where odom lies becomes a state, from the place of the robot in the map, which is known apart from odom's.
+
+        covariance : (6, 6) of that place's ``[φ, t]``: turned about the robot and moved, in the axes of the map.
+        """
+        s, R = self.state, T_map_odom[:3, :3]
+        J = np.zeros((6, len(self.P)))
+        # what the pose errs by in odom, odom errs by in the map the other way round
+        J[:3, ROTATION] = -R @ s.R
+        J[3:, POSITION] = -R
+        s.T_map_odom, s.odom_centre = T_map_odom, R @ s.p + T_map_odom[:3, 3]
+        self._append(J, covariance)
+
+    def centre_odom(self) -> None:
+        """Tell the error of ``T_map_odom`` at the present place of the robot, as `centre_map` does."""
+        s = self.state
+        assert s.T_map_odom is not None
+        centre = s.T_map_odom[:3, :3] @ s.p + s.T_map_odom[:3, 3]
+        J = np.eye(6)
+        J[3:, :3] = -skew(centre - s.odom_centre)
+        s.odom_centre = centre
+        self.P[ODOM] = J @ self.P[ODOM]
+        self.P[:, ODOM] = self.P[:, ODOM] @ J.T
+
+    def hear(self, anchor: int, std: float) -> None:
+        """An anchor's range bias becomes a state [m]; odom must be located before."""
+        if anchor not in self.state.anchors:
+            self.state.anchors += (anchor,)
+            self.state.range_biases = np.append(self.state.range_biases, 0.0)
+            self._append(np.zeros((1, len(self.P))), np.array([[std**2]]))
+
+    def _append(self, J: Array, covariance: Array) -> None:
+        """New columns whose error is ``J`` times the old error, and an error of their own."""
+        rows = J @ self.P
+        self.P = np.block([[self.P, rows.T], [rows, rows @ J.T + covariance]])
+
     def covariance_since_clone(self) -> Array:
         """Covariance (6, 6), rotation first, of ``T_clone_imu`` perturbed on the right (gtsam's order)."""
         R_clone = self.state.T_odom_clone[:3, :3]
         R_rel = R_clone.T @ self.state.R
         p_clone = R_clone.T @ (self.state.p - self.state.T_odom_clone[:3, 3])
-        J = np.zeros((6, ERROR_DIM))
+        J = np.zeros((6, len(self.P)))
         J[:3, ROTATION] = np.eye(3)
         J[:3, CLONE.start : CLONE.start + 3] = -R_rel.T
         J[3:, POSITION] = self.state.R.T
@@ -199,7 +236,7 @@ class ErrorStateFilter:
 def start_covariance(
     imu: ImuBlock, *, tilt_std: float, velocity_std: float, g: Array, mountings: ExtrinsicSettings
 ) -> Array:
-    """Covariance (48, 48) at the start: the pose defines odom and is exact; gravity may lean by ``tilt_std`` [rad]."""
+    """Covariance (49, 49) at the start: the pose defines odom and is exact; gravity may lean by ``tilt_std`` [rad]."""
     P = np.zeros((ERROR_DIM, ERROR_DIM))
     P[VELOCITY, VELOCITY] = velocity_std**2 * np.eye(3)
     P[GYRO_BIAS, GYRO_BIAS] = imu.gyro_bias_std**2 * np.eye(3)

@@ -37,6 +37,7 @@ class ScanToMap:
     gate : residuals beyond this many sigmas are left out.
     correlation : how many points share one error beyond that of their plane; divides the information.
     min_matches : fewer say nothing.
+    pose_information : (6, 6) of the last linearization, over rotation and position of the imu in its own axes.
     """
 
     parts: Sequence[ScanPart]
@@ -45,6 +46,7 @@ class ScanToMap:
     correlation: float
     min_matches: int
     matched: int = field(default=0, init=False)
+    pose_information: Array | None = field(default=None, init=False)
     _at: NavState | None = field(default=None, init=False)
     _met: list[ShapeMatch] = field(default_factory=list, init=False)
 
@@ -54,6 +56,7 @@ class ScanToMap:
             return None
         J = _columns_of(state)
         A, b = sum(match.A for match in matches), sum(match.b for match in matches)
+        self.pose_information = np.asarray(A / self.correlation)
         squared = sum(float(np.nansum((match.residuals / match.sigmas) ** 2)) for match in matches)
         return Information(
             J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS, squared, self.matched

@@ -6,16 +6,18 @@ from typing import Any
 
 import numpy as np
 
+from localize.degeneracy import DegeneracyMonitor
 from localize.graph import PoseGraph
 from localize.keyframes import Keyframe, Keyframes
 from localize.matcher import IntersectionMatcher, Recognition
-from localize.modes import mode_of
+from localize.modes import Evidence, ModeState, next_mode
 from localize.odometry import OdometryPose
-from localize.results import Event, LocalizationResult, State, Update
+from localize.results import Event, LocalizationResult, State, Uncertainty, Update
 from localize.settings import LocalizeSettings
 from localize.sightings import Sighting, Sightings
 from localize.smoothing import smoothed
 from localize.start import StartingOdometry
+from localize.state import POSITION, ROTATION
 from semmap.geometry import Array, adjoint, inverse, rotation_between, se3, transform
 from semmap.intersections import SemanticMap
 from semmap.measurements import Measurement, PrismFix, UwbRange
@@ -70,8 +72,10 @@ class Localizer:
         self._events: list[Event] = []
         self._counts: dict[str, int] = {"scans": 0, "keyframes": 0, "intersections_seen": 0, "pins": 0}
         self._recognised: set[int] = set()
-        self._mode = ""
-        self._last_used_ns: dict[str, int] = {}
+        self._mode = ModeState()
+        self._degeneracy = DegeneracyMonitor(self.settings.degeneracy, self.settings.keyframes)
+        self._uncertainty: list[Uncertainty] = []
+        self._fitted_ns: dict[str, dict[int | None, int]] = {"uwb": {}, "prism": {}}
         self._pins_dirty = False
 
     def add(self, measurement: Measurement) -> Update | None:
@@ -97,7 +101,9 @@ class Localizer:
         elif self._referenced:
             trajectory = _trajectory("map", [])
         realtime = _trajectory(frame, self._realtime_track)
-        return LocalizationResult(trajectory, realtime, odometry, tuple(self._events), self._summary())
+        return LocalizationResult(
+            trajectory, realtime, odometry, tuple(self._events), self._summary(), tuple(self._uncertainty)
+        )
 
     def _reached(self, pose: OdometryPose) -> Update:
         """The steps of paper 004 section 3 for one scan."""
@@ -109,8 +115,10 @@ class Localizer:
         self._take_sightings(pose)
         if self._pins_dirty:
             self._solve()
-        self._note_mode(pose.stamp_ns)
-        return self._publish(pose)
+        self._note_mode(pose)
+        update = self._publish(pose)
+        self._note_uncertainty(pose, update)
+        return update
 
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
         keyframe = self._keyframes.add(pose)
@@ -194,18 +202,51 @@ class Localizer:
             self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3))
         else:
             self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, sighting.distance, sighting.std)
-        self._last_used_ns["prism" if sighting.anchor is None else "uwb"] = sighting.stamp_ns
+        self._fitted_ns["prism" if sighting.anchor is None else "uwb"][sighting.anchor] = sighting.stamp_ns
         self._counts["pins"] += 1
         self._pins_dirty = True
 
-    def _note_mode(self, stamp_ns: int) -> None:
+    def _note_mode(self, pose: OdometryPose) -> None:
+        s = self.settings.modes
+        self._events.extend(self._degeneracy.watch(pose, s))
+        mode = next_mode(self._mode, self._evidence(pose), s, lidar=self.rig.lidar is not None)
+        if mode.mode != self._mode.mode:
+            self._event(pose.stamp_ns, "mode", before=self._mode.mode, after=mode.mode)
+        self._mode = mode
+
+    def _evidence(self, pose: OdometryPose) -> Evidence:
+        """What the mode is concluded from (paper 000 Eq. 18, 19)."""
+        since_ns = pose.stamp_ns - round(self.settings.modes.hold_s * 1e9)
         engine = self._odometry.odometry
-        if engine is not None:
-            self._last_used_ns["wheel"] = engine.last_wheel_used_ns
-        mode = mode_of(stamp_ns, self._last_used_ns, lidar=self.rig.lidar is not None)
-        if mode != self._mode:
-            self._event(stamp_ns, "mode", before=self._mode, after=mode)
-            self._mode = mode
+        return Evidence(
+            pose.stamp_ns,
+            anchors=sum(stamp_ns > since_ns for stamp_ns in self._fitted_ns["uwb"].values()),
+            outside=self._outside_sphere(pose),
+            prism=any(stamp_ns > since_ns for stamp_ns in self._fitted_ns["prism"].values()),
+            wheel=engine is not None and engine.last_wheel_used_ns > since_ns,
+            degree=self._degeneracy.degree,
+        )
+
+    def _outside_sphere(self, pose: OdometryPose) -> float | None:
+        """How far from the middle of the anchors' sphere over its radius (Eq. 18); None where place or sphere are not
+        known."""
+        uwb = self.rig.uwb
+        if uwb is None or uwb.center is None or uwb.max_range is None or not self._graph.anchored:
+            return None
+        p_map = transform(self._T_map_odom(), pose.state.p[None])[0] + self._shift
+        return float(np.linalg.norm(p_map - uwb.center) / uwb.max_range)
+
+    def _note_uncertainty(self, pose: OdometryPose, update: Update) -> None:
+        position_map = None
+        if update.T_map_imu is not None and update.covariance is not None:
+            R = update.T_map_imu[:3, :3]
+            position_map = R @ update.covariance[3:, 3:] @ R.T
+        P, d = pose.covariance, self._degeneracy
+        row = Uncertainty(
+            pose.stamp_ns, self._mode.mode, d.degenerate, d.scan, d.translation, d.rotation,
+            np.sqrt(np.diag(P)[ROTATION]), P[POSITION, POSITION].copy(), position_map,
+        )  # fmt: skip
+        self._uncertainty.append(row)
 
     def _anchor(self, T_map_odom: Array, stamp_ns: int, by: str) -> None:
         self._graph.anchor(T_map_odom)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localize.filter import ErrorStateFilter, InertialTrack, joined
-from localize.local_map import LocalMap
+from localize.local_map import LocalMap, ScanMatch
 from localize.settings import KeyframeSettings, OdometrySettings
 from localize.state import NavState
 from localize.wheel import WheelVelocity
@@ -27,11 +27,12 @@ _GAP_NS = 50_000_000
 class OdometryPose:
     """What the filter knows at the end of a scan.
 
-    stamp_ns : time of the scan's end. T_odom_imu : (4, 4). covariance : (48, 48), order of `localize.state`.
+    stamp_ns : time of the scan's end. T_odom_imu : (4, 4). covariance : (dim, dim), order of `localize.state`.
     state : the whole state. points : (n, 3) float32 deskewed, in the imu frame; empty without a scan.
     matched : scan points that met a plane; considered : scan points tried.
     keyframe : whether the filter moved far enough since the last one (paper 004 Eq. 8, 9).
     since_keyframe : (6, 6) covariance of the pose relative to the last keyframe, rotation first, right perturbation.
+    scan_information : (6, 6) what the scan alone says of the pose, None without one (see `ScanMatch`).
     """
 
     stamp_ns: int
@@ -42,6 +43,7 @@ class OdometryPose:
     considered: int
     keyframe: bool
     since_keyframe: Array
+    scan_information: Array | None
 
     @property
     def T_odom_imu(self) -> Array:
@@ -122,20 +124,20 @@ class Odometry:
         """One scan: propagate with the wheel on the way, deskew, match, extend the local map."""
         track = self._propagate(end_ns)
         points = np.empty((0, 3))
-        matched = considered = 0
+        match = ScanMatch(0, 0, None)
         if scan is not None and self.map is not None:
             begin_ns = track.zero_ns
             known = scan.offsets_ns + scan.stamp_ns >= begin_ns - _TICK_NS // 2
             T_imu_lidar = self.filter.state.T_imu_lidar
             deskewed = track.deskew(scan.points[known], scan.offsets_ns[known], scan.stamp_ns, T_imu_lidar)
             surfaces = self.map.surfaces(scan, deskewed, known)
-            matched, considered = self.map.match(surfaces, self.filter)
+            match = self.map.match(surfaces, self.filter)
             self.map.extend(surfaces, self.filter)
             points = transform(self.filter.state.T_imu_lidar, deskewed)
         keyframe, since_keyframe = self._keyframe_rule()
         return OdometryPose(
-            end_ns, self.filter.state.copy(), self.filter.P.copy(), points.astype(np.float32), matched, considered,
-            keyframe, since_keyframe,
+            end_ns, self.filter.state.copy(), self.filter.P.copy(), points.astype(np.float32), match.matched,
+            match.considered, keyframe, since_keyframe, match.information,
         )  # fmt: skip
 
     def _keyframe_rule(self) -> tuple[bool, Array]:

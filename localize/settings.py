@@ -116,6 +116,33 @@ class VerificationSettings(Settings):
     """Places found from different keyframes must be this close in odom [m]."""
 
 
+class DegeneracySettings(Settings):
+    """When the pose counts as degenerate, in some direction (paper 000 Eq. 15 to 17)."""
+
+    measure: Literal["per metre", "paper"] = "per metre"
+    """What of the covariance is compared: standard deviation of the way from keyframe to keyframe over its length, or
+    the eigenvalues of paper 000's M = BᵀB as printed."""
+    translation: PositiveFloat = 0.05
+    """Threshold D_p: [m] a metre, or as printed."""
+    rotation: PositiveFloat = 0.05
+    """Threshold D_r: [rad] a metre, or as printed."""
+    scan: PositiveFloat = 0.05
+    """A scan alone that places the LiDAR no better than this in some direction is weak there [m]."""
+
+
+class ModeSettings(Settings):
+    """When the motion mode changes (paper 000 Eq. 18, 19)."""
+
+    hold_s: PositiveFloat = 2.0
+    """A sensor that said nothing for this long no longer counts [s]."""
+    dwell_s: PositiveFloat = 1.0
+    """Evidence must last this long before it counts [s]."""
+    slack: PositiveFloat = 0.25
+    """How far back beyond its limit a conclusion must be before it is given up, relative."""
+    min_anchors: PositiveInt = 2
+    """Anchors that must be heard before UWB holds the place; it does until none is."""
+
+
 class SightingSettings(Settings):
     """UWB ranges and prism fixes."""
 
@@ -161,4 +188,6 @@ class LocalizeSettings(Settings):
     matcher: MatcherSettings = Field(default_factory=MatcherSettings)
     verification: VerificationSettings = Field(default_factory=VerificationSettings)
     sightings: SightingSettings = Field(default_factory=SightingSettings)
+    degeneracy: DegeneracySettings = Field(default_factory=DegeneracySettings)
+    modes: ModeSettings = Field(default_factory=ModeSettings)
     graph: GraphSettings = Field(default_factory=GraphSettings)
