@@ -153,6 +153,13 @@ def accuracy(estimate: Trajectory, truth: Trajectory, realtime: Trajectory | Non
     )
 
 
+def placed(estimate: Trajectory, pairs: metrics.Pairs) -> Trajectory:
+    """The trajectory in the map: as it is, or, from a frame of its own, by the truth over the outer tunnel."""
+    if estimate.frame == MAP_FRAME:
+        return estimate
+    return Trajectory(MAP_FRAME, estimate.stamps_ns, outer_alignment(pairs) @ estimate.poses)
+
+
 def outer_alignment(pairs: metrics.Pairs) -> Array:
     """``T_truth_estimate`` (4, 4) over the outer tunnel: mean of the attitudes' differences, then of the positions'.
 

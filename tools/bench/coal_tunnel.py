@@ -5,7 +5,8 @@
 
 AvgErr, TotalErr are the mean and the sum of the errors at 15 check points. Systems without a global frame are put onto
 the truth over the outer tunnel, which gives them a start without error; "from the truth" does that for all. The run
-directories are kept for `semmap report`. (The paper's own 4.9 m is from a real mine and is not this measurement.)
+directories are kept for `semmap report`, with ``tracks.png`` and ``variances.png`` (the paper's Fig. 6 and 8) of each
+seed. (The paper's own 4.9 m is from a real mine and is not this measurement.)
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from localize import LocalizeSettings
 from semmap.errors import SemmapError, SettingsError
 from semmap.trajectory import Trajectory
 from tools.bench.coal_events import Boundary, axis_errors_deg, boundaries
+from tools.bench.coal_figures import figures
 from tools.bench.coal_runs import FAULTS, OURS, Accuracy, Tunnel, accuracy, accuracy_of_run, localized, tunnel
 from tools.bench.odometry import measured
 from tools.bench.peers import PEERS
@@ -107,7 +109,7 @@ def known_systems(text: str) -> list[str]:
 def through(
     seed: int, systems: Sequence[str], options: argparse.Namespace, say: Callable[[str], None]
 ) -> Iterable[Drive]:
-    """Every system through one seed's tunnel, a line said of each."""
+    """Every system through one seed's tunnel, a line said of each; the figures of all at the end."""
     with progress_bar("simulating") as progress:
         one = tunnel(options.length, seed, options.cache, progress)
     for system in systems:
@@ -115,6 +117,9 @@ def through(
             drive = our_drive(system, seed, fault, one, options) if system in OURS else peer(system, seed, one, options)
             say(one_line(drive))
             yield drive
+    directory = options.out / f"seed-{seed}"
+    tums = {name: (directory / name.replace(":", "-")).with_suffix(".tum") for name in systems if name not in OURS}
+    figures(directory, one.truth, {name: path for name, path in tums.items() if path.is_file()})
 
 
 def our_drive(system: str, seed: int, fault: str, one: Tunnel, options: argparse.Namespace) -> Drive:

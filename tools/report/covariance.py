@@ -52,7 +52,7 @@ def ellipses_along_track(known: Uncertainties, positions: Array) -> str:
     use = _some(known, positions)
     colours = mode_colours(known)
     with look():
-        fig = Figure(figsize=(9.5, 5.2))
+        fig = Figure(figsize=(9.5, 4.2))
         factor = _magnified(known.position[use], positions)
         for axes, (a, b) in zip(fig.subplots(2, 1), ((0, 1), (0, 2)), strict=True):
             axes.plot(positions[:, a], positions[:, b], color=LINE, linewidth=1.0)
@@ -64,7 +64,7 @@ def ellipses_along_track(known: Uncertainties, positions: Array) -> str:
             plain_numbers(axes)
         fig.legend(
             *fig.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=6,
-            title=f"{_SIGMAS:g} sigma, {factor:g} times as large",
+            title=f"{_SIGMAS:g} sigma" + (f", {factor:g} times as large" if factor > 1.0 else ""),
         )  # fmt: skip
         return svg(fig)
 
