@@ -242,10 +242,11 @@ def mode_table(drives: Sequence[Drive]) -> Table:
 
 def verdicts(drives: Sequence[Drive]) -> list[str]:
     """The full system's mean AvgErr against the others'."""
-    mean = {
-        system: float(np.mean([d.accuracy.avg_err for d in drives if d.system == system and d.accuracy is not None]))
-        for system in dict.fromkeys(d.system for d in drives if d.accuracy is not None and d.fault == "none")
-    }
+    sound: dict[str, list[float]] = {}
+    for drive in drives:
+        if drive.fault == "none" and drive.accuracy is not None:
+            sound.setdefault(drive.system, []).append(drive.accuracy.avg_err)
+    mean = {system: float(np.mean(errors)) for system, errors in sound.items()}
     if FULL not in mean:
         return []
     return [
