@@ -12,6 +12,7 @@ from localize._numba_propagation import deskew, propagate
 from localize.settings import ExtrinsicSettings
 from localize.state import (
     ACCEL_BIAS,
+    BIASES_FROM,
     CLONE,
     ERROR_DIM,
     GRAVITY,
@@ -35,6 +36,7 @@ class Information:
     """What a sensor says at one state: ``A = Σ HᵀN⁻¹H`` and ``b = -Σ HᵀN⁻¹r``, over the error columns ``columns``.
 
     squared : Σ rᵀN⁻¹r; count : residuals summed.
+    blind : (m, k) combinations of the columns of which the sensor says nothing, whatever A has there.
     """
 
     A: Array
@@ -42,6 +44,7 @@ class Information:
     columns: NDArray[np.int64]
     squared: float
     count: int
+    blind: Array | None = None
 
 
 class MeasurementModel(Protocol):
@@ -57,6 +60,16 @@ def information(residual: Array, H: Array, covariance: Array, columns: NDArray[n
     weighted = np.linalg.solve(covariance, H).T
     squared = float(residual @ np.linalg.solve(covariance, residual))
     return Information(weighted @ H, -weighted @ residual, columns, squared, len(residual))
+
+
+def _hanging_on(info: Information, P: Array) -> Array:
+    """Columns (dim, m), whose squares add up to the part of P that hangs on errors which a sensor is blind for."""
+    if info.blind is None:
+        return np.zeros((len(P), 0))
+    PS = P[:, info.columns] @ info.blind.T
+    values, vectors = np.linalg.eigh(info.blind @ PS[info.columns])
+    used = values > 1e-12 * max(values[-1], 1e-12)
+    return np.asarray(PS @ vectors[:, used] / np.sqrt(values[used]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +93,13 @@ class InertialTrack:
         R, p = np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3])
         deskew(points, times, self.t, self.R, self.p, self.v, self.rate, self.acceleration, R, p, out)
         return out
+
+    def moved(self, T: Array) -> InertialTrack:
+        """The track as it lies after odom's ``T`` (4, 4) moved it."""
+        R = T[:3, :3]
+        return InertialTrack(
+            self.zero_ns, self.t, R @ self.R, self.p @ R.T + T[:3, 3], self.v @ R.T, self.rate, self.acceleration @ R.T
+        )
 
     @property
     def poses(self) -> Array:
@@ -127,11 +147,19 @@ class ErrorStateFilter:
         self.stamp_ns = int(stamps_ns[-1])
         return track
 
+    def transition(self, stamp_ns: int, columns: NDArray[np.int64], F: Array, Q: Array) -> None:
+        """The covariance after a prediction of another kind: ``F``, ``Q`` (k, k) over ``columns``; the rest stays."""
+        self.P[columns] = F @ self.P[columns]
+        self.P[:, columns] = self.P[:, columns] @ F.T
+        self.P[np.ix_(columns, columns)] += Q
+        self.stamp_ns = stamp_ns
+
     def update(self, model: MeasurementModel, *, iterations: int = 1, tolerance: float = 1e-4) -> Information | None:
         """Maximum a posteriori state given one sensor (paper 000 Eq. 4); returns the last linearization or None.
 
         Each step solves ``(I + P A) δ = P b - (x ⊟ x̂)``, which needs no inverse of P: extrinsics that are known
-        exactly have zero rows in it and stay as they are.
+        exactly have zero rows in it and stay as they are. Errors which the sensor is blind for are considered, but
+        stay as they are (Schmidt's filter): with what hangs on them they are set aside meanwhile.
         """
         predicted, info = self.state, None
         for _ in range(iterations):
@@ -139,17 +167,19 @@ class ErrorStateFilter:
             if latest is None:
                 break
             info = latest
-            PA = np.zeros_like(self.P)
-            PA[:, info.columns] = self.P[:, info.columns] @ info.A
-            M = np.eye(len(self.P)) + PA
-            pull = self.P[:, info.columns] @ info.b - self.state.boxminus(predicted)
+            aside = _hanging_on(info, self.P)
+            P = self.P - aside @ aside.T
+            PA = np.zeros_like(P)
+            PA[:, info.columns] = P[:, info.columns] @ info.A
+            M = np.eye(len(P)) + PA
+            pull = P[:, info.columns] @ info.b - self.state.boxminus(predicted)
             delta = np.asarray(np.linalg.solve(M, pull), dtype=np.float64)
             self.state = self.state.boxplus(delta)
             if np.abs(delta[:6]).max() < tolerance:
                 break
         if info is not None:
-            P = np.linalg.solve(M, self.P)
-            self.P = 0.5 * (P + P.T)
+            P, aside = np.asarray(np.linalg.solve(M, P)), np.linalg.solve(M, aside)
+            self.P = 0.5 * (P + P.T) + aside @ aside.T
         return info
 
     def clone_pose(self) -> None:
@@ -167,12 +197,18 @@ class ErrorStateFilter:
         self.P[MAP] = J @ self.P[MAP]
         self.P[:, MAP] = self.P[:, MAP] @ J.T
 
-    def extend_map(self, share: float) -> None:
-        """The map lies, by a ``share`` of its points (0 to 1), as wrong as the present pose they were put in with."""
+    def extend_map(self, share: float, blind: Array) -> None:
+        """The map lies, by a ``share`` of its points (0 to 1), as wrong as the present pose they were put in with.
+
+        blind : (6, m) orthonormal directions, rotation first, in the imu's axes, which the older points tell nothing
+        of. What a later scan will find there is what was put in now.
+        """
+        X = np.concatenate([self.state.R @ blind[:3], self.state.R @ blind[3:]])
+        new = share * np.eye(6) + (1.0 - share) * X @ X.T
         J = np.zeros((6, len(self.P)))
-        J[:, MAP] = (1.0 - share) * np.eye(6)
-        J[:3, ROTATION] = share * self.state.R
-        J[3:, POSITION] = share * np.eye(3)
+        J[:, MAP] = np.eye(6) - new
+        J[:, ROTATION] = new[:, :3] @ self.state.R
+        J[:, POSITION] = new[:, 3:]
         rows = J @ self.P
         own = rows @ J.T
         self.P[MAP], self.P[:, MAP] = rows, rows.T
@@ -182,10 +218,11 @@ class ErrorStateFilter:
         """The planes put in lie off by themselves."""
         self.P[MAP, MAP] += covariance
 
-    def locate(self, T_map_odom: Array, covariance: Array) -> None:
+    def locate(self, T_map_odom: Array, covariance: Array, *, range_scale_std: float = 0.0) -> None:
         """Where odom lies becomes a state, from the place of the robot in the map, which is known apart from odom's.
 
         covariance : (6, 6) of that place's ``[φ, t]``: turned about the robot and moved, in the axes of the map.
+        range_scale_std : what the scale of UWB ranges may be off by; 0 does not estimate it.
         """
         s, R = self.state, T_map_odom[:3, :3]
         J = np.zeros((6, len(self.P)))
@@ -194,6 +231,7 @@ class ErrorStateFilter:
         J[3:, POSITION] = -R
         s.T_map_odom, s.odom_centre = T_map_odom, R @ s.p + T_map_odom[:3, 3]
         self._append(J, covariance)
+        self._append(np.zeros((1, len(self.P))), np.array([[range_scale_std**2]]))
 
     def centre_odom(self) -> None:
         """Tell the error of ``T_map_odom`` at the present place of the robot, as `centre_map` does."""
@@ -206,12 +244,28 @@ class ErrorStateFilter:
         self.P[ODOM] = J @ self.P[ODOM]
         self.P[:, ODOM] = self.P[:, ODOM] @ J.T
 
+    def doubt_odom(self, std: float) -> None:
+        """Odom may have lain elsewhere in the map, off by so much [m]."""
+        place = np.arange(ODOM.start + 3, ODOM.stop)
+        self.P[place, place] += std**2
+
     def hear(self, anchor: int, std: float) -> None:
         """An anchor's range bias becomes a state [m]; odom must be located before."""
         if anchor not in self.state.anchors:
             self.state.anchors += (anchor,)
             self.state.range_biases = np.append(self.state.range_biases, 0.0)
             self._append(np.zeros((1, len(self.P))), np.array([[std**2]]))
+
+    def forget(self, anchor: int) -> None:
+        """An anchor's range bias is no longer a state."""
+        index, s = self.state.anchors.index(anchor), self.state
+        s.anchors, s.range_biases = s.anchors[:index] + s.anchors[index + 1 :], np.delete(s.range_biases, index)
+        column = BIASES_FROM + index
+        self.P = np.delete(np.delete(self.P, column, axis=0), column, axis=1)
+
+    def age_biases(self, variance: float) -> None:
+        """The range biases wandered, each by itself, by this much [m²]."""
+        self.P[BIASES_FROM:, BIASES_FROM:] += variance * np.eye(len(self.state.anchors))
 
     def _append(self, J: Array, covariance: Array) -> None:
         """New columns whose error is ``J`` times the old error, and an error of their own."""

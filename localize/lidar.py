@@ -17,6 +17,10 @@ _COLUMNS = np.r_[ROTATION, POSITION, LIDAR, MAP]
 _VAGUE = np.diag(np.repeat([0.05**-2, 0.5**-2], 3))
 """Where planes leave a direction open, their errors there are taken to be within 0.05 rad and 0.5 m."""
 
+_DOUBT = 1.2
+"""Noise of normals is known to so much: what is not more than this times it is nothing."""
+_TINY = 1e-9
+
 
 class ScanPart(NamedTuple):
     """Points (n, 3), deskewed, in the lidar frame at the state's time, and the map they are matched to."""
@@ -38,6 +42,7 @@ class ScanToMap:
     correlation : how many points share one error beyond that of their plane; divides the information.
     min_matches : fewer say nothing.
     pose_information : (6, 6) of the last linearization, over rotation and position of the imu in its own axes.
+    blind : (6, m) after `linearize`: unit directions, rotation first, in the imu's axes, that the scan says nothing of.
     """
 
     parts: Sequence[ScanPart]
@@ -47,6 +52,7 @@ class ScanToMap:
     min_matches: int
     matched: int = field(default=0, init=False)
     pose_information: Array | None = field(default=None, init=False)
+    blind: Array = field(default_factory=lambda: np.zeros((6, 0)), init=False)
     _at: NavState | None = field(default=None, init=False)
     _met: list[ShapeMatch] = field(default_factory=list, init=False)
 
@@ -55,11 +61,12 @@ class ScanToMap:
         if self.matched < self.min_matches:
             return None
         J = _columns_of(state)
-        A, b = sum(match.A for match in matches), sum(match.b for match in matches)
+        A, b, _, self.blind = _beyond_noise(matches)
         self.pose_information = np.asarray(A / self.correlation)
         squared = sum(float(np.nansum((match.residuals / match.sigmas) ** 2)) for match in matches)
         return Information(
-            J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS, squared, self.matched
+            J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS, squared, self.matched,
+            (J @ self.blind).T if self.blind.size else None,
         )  # fmt: skip
 
     def map_noise(self, state: NavState) -> Array | None:
@@ -73,7 +80,7 @@ class ScanToMap:
             return None
         J = np.zeros((6, 6))
         J[:3, :3] = J[3:, 3:] = state.R
-        A, B = sum(match.A for match in matches), sum(match.B for match in matches)
+        A, _, B, _ = _beyond_noise(matches)
         G = J @ np.linalg.inv(A + _VAGUE)
         return np.asarray(G @ B @ G.T)
 
@@ -88,6 +95,44 @@ class ScanToMap:
         ]
         self.matched = sum(match.matched for match in self._met)
         return self._met
+
+
+class _Knowledge(NamedTuple):
+    """What a scan knows: A, b, B as in `ShapeMatch`, and the directions (6, m), unit vectors, it knows nothing of."""
+
+    A: Array
+    b: Array
+    B: Array
+    blind: Array
+
+
+def _beyond_noise(matches: Sequence[ShapeMatch]) -> _Knowledge:
+    """``A``, ``b`` and ``B`` of the scan, without what the noise of the normals pretends to know.
+
+    Along a smooth tunnel every normal leans by chance a little along the axis. Summed over a thousand points the small
+    leanings look like centimetres of knowledge, of which there is none: errors in the variables. Along a direction in
+    which a share γ of A comes from them, the solution of least squares is too small by ``1 - γ`` and its variance too
+    small by its square; both are put right, and where noise explains all, the scan is blind. Rotation and position
+    each for themselves, so that a well known attitude does not lend its knowledge to the axis.
+    """
+    A, b, B, C = (np.asarray(sum(getattr(match, name) for match in matches)) for name in ("A", "b", "B", "C"))
+    T, blind = np.zeros((6, 6)), np.zeros((6, 6))
+    for block in (slice(0, 3), slice(3, 6)):
+        known = A[block, block]
+        L = np.linalg.cholesky(known + (_TINY * np.trace(known)) * np.eye(3))
+        L_inverse = np.linalg.inv(L)
+        share, V = np.linalg.eigh(L_inverse @ C[block, block] @ L_inverse.T)
+        left = np.maximum(0.0, 1.0 - _DOUBT * share)
+        T[block, block] = L @ (V * left) @ V.T @ L_inverse
+        if np.any(left == 0.0):
+            blind[block, block] = _orthonormal((L_inverse.T @ V) * (left == 0.0))
+    return _Knowledge(T @ A @ T.T, T @ b, T @ B @ T.T, blind[:, np.any(blind, axis=0)])
+
+
+def _orthonormal(directions: Array) -> Array:
+    """Orthonormal columns (3, 3) that span those of ``directions`` (3, 3); the rest are 0."""
+    U, size, _ = np.linalg.svd(directions)
+    return np.asarray(U * (size > _TINY * size[0]))
 
 
 def _columns_of(state: NavState) -> Array:

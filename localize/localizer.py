@@ -12,6 +12,7 @@ from localize.keyframes import Keyframe, Keyframes
 from localize.matcher import IntersectionMatcher, Recognition
 from localize.modes import Evidence, ModeState, next_mode
 from localize.odometry import OdometryPose
+from localize.ranging import Ranging
 from localize.results import Event, LocalizationResult, State, Uncertainty, Update
 from localize.settings import LocalizeSettings
 from localize.sightings import Sighting, Sightings
@@ -46,7 +47,9 @@ class Localizer:
     IMU             propagation             -
     LiDAR scan      point to local map      - (its effect comes as relative poses)
     wheel speed     velocity at the wheel   - (likewise)
-    UWB range       -                       range to the anchor
+    UWB range       every other range       the ranges in between; all of them until
+                    of an anchor, once the  then (they align odom with the map)
+                    map is known
     prism fix       -                       position with lever arm
     intersection    -                       pose from ICP to the database's cloud
     ==============  ======================  ==========================================
@@ -70,7 +73,14 @@ class Localizer:
         self._realtime_track: list[tuple[int, Array]] = []
         self._keyframe_track: list[tuple[int, Array]] = []
         self._events: list[Event] = []
-        self._counts: dict[str, int] = {"scans": 0, "keyframes": 0, "intersections_seen": 0, "pins": 0}
+        self._counts: dict[str, int] = {
+            "scans": 0,
+            "keyframes": 0,
+            "intersections_seen": 0,
+            "pins": 0,
+            "range_doubts": 0,
+        }
+        self._anchors_that_are: dict[str, set[int]] = {"blocked": set(), "silent": set()}
         self._recognised: set[int] = set()
         self._mode = ModeState()
         self._degeneracy = DegeneracyMonitor(self.settings.degeneracy, self.settings.keyframes)
@@ -80,8 +90,7 @@ class Localizer:
 
     def add(self, measurement: Measurement) -> Update | None:
         """Take one measurement in, in order of arrival; returns an update when a scan was completed by it."""
-        if isinstance(measurement, UwbRange | PrismFix):
-            self._sightings.add(measurement)
+        if isinstance(measurement, UwbRange | PrismFix) and not self._sightings.add(measurement):
             return None
         update = None
         for pose in self._odometry.add(measurement):
@@ -112,9 +121,11 @@ class Localizer:
         if pose.keyframe:
             self._newest = self._add_keyframe(pose)
             self._recognise_intersection(self._newest)
+        self._note_ranges()
         self._take_sightings(pose)
         if self._pins_dirty:
             self._solve()
+            self._share_ranges()
         self._note_mode(pose)
         update = self._publish(pose)
         self._note_uncertainty(pose, update)
@@ -122,7 +133,9 @@ class Localizer:
 
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
         keyframe = self._keyframes.add(pose)
-        self._graph.add_keyframe(keyframe.T_odom_imu, keyframe.up_odom, self._link_covariance(pose))
+        self._graph.add_keyframe(
+            keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._link_covariance(pose)
+        )
         self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
         self._counts["keyframes"] += 1
         if self._graph.anchored:
@@ -181,7 +194,48 @@ class Localizer:
             for sighting in self._sightings.kept:
                 self._pin_sighting(sighting, gate=False)
             self._solve()
+            self._share_ranges()
             self._set_state("tracking", pose.stamp_ns, "aligned by ranges and fixes")
+
+    def _share_ranges(self) -> None:
+        """Tell the filter where odom lies, once: from then on it takes its part of the ranges.
+
+        It is told the graph's place at the last keyframe with twice its deviations. What the place was found by is
+        counted in the graph; the filter needs it to begin with, and soon knows better by itself.
+        """
+        uwb, engine = self.rig.uwb, self._odometry.odometry
+        if uwb is None or engine is None or self._sightings.shared:
+            return
+        R = self._graph.pose(len(self._graph) - 1)[:3, :3]
+        turned = np.kron(np.eye(2), R)
+        ranging = Ranging(uwb, self._sightings.anchors, self.settings.ranges)
+        engine.locate(self._T_map_odom(), 4.0 * turned @ self._covariance @ turned.T, ranging)
+        self._sightings.shared = True
+
+    def _note_ranges(self) -> None:
+        """What the filter thought of the ranges it was given."""
+        engine = self._odometry.odometry
+        if engine is None or engine.ranging is None:
+            return
+        for reading, verdict in engine.judged:
+            if not verdict.refused:
+                self._fitted_ns["uwb"][reading.anchor] = reading.stamp_ns
+                continue
+            off = {"off_m": verdict.innovation, "why": verdict.refused}
+            self._event(reading.stamp_ns, "range_refused", anchor=reading.anchor, **off)
+        engine.judged.clear()
+        self._note_anchors(engine.ranging, engine.filter.stamp_ns)
+
+    def _note_anchors(self, ranging: Ranging, stamp_ns: int) -> None:
+        """Anchors that became blocked, fell silent, or are heard again."""
+        for kind, now in (("blocked", ranging.check.blocked), ("silent", ranging.check.silent(stamp_ns))):
+            before = self._anchors_that_are[kind]
+            for anchor in sorted(now ^ before):
+                self._event(stamp_ns, f"anchor_{kind}" if anchor in now else f"anchor_no_longer_{kind}", anchor=anchor)
+            self._anchors_that_are[kind] = now
+        if ranging.doubts > self._counts["range_doubts"]:
+            self._event(stamp_ns, "ranges_contradict")
+            self._counts["range_doubts"] = ranging.doubts
 
     def _pin_sighting(self, sighting: Sighting, *, gate: bool = True) -> None:
         """A range or fix as a factor on the keyframe before it, if it fits what is known (paper 000)."""
@@ -196,6 +250,9 @@ class Localizer:
         if gate and off > max(s.min_gate, s.max_innovation * std):
             kind = "prism" if sighting.anchor is None else "range"
             self._event(sighting.stamp_ns, f"{kind}_refused", anchor=sighting.anchor, off_m=float(off))
+            return
+        if sighting.anchor in self._anchors_that_are["blocked"]:
+            self._event(sighting.stamp_ns, "range_refused", anchor=sighting.anchor, off_m=float(off), why="blocked")
             return
         if sighting.anchor is None:
             variance = sighting.std**2 + self.settings.graph.drift_position**2
@@ -267,7 +324,7 @@ class Localizer:
         if not self._referenced:
             self._realtime_track.append((pose.stamp_ns, pose.T_odom_imu))
         elif self._graph.anchored and self._state == "tracking" and self._newest is not None:
-            since = inverse(self._newest.T_odom_imu) @ pose.T_odom_imu
+            since = np.eye(4) if pose.keyframe else pose.T_keyframe_imu
             T_map_imu = _shifted((self._graph.pose(len(self._graph) - 1) @ since)[None], self._shift)[0]
             carried = adjoint(inverse(since))
             covariance = carried @ self._covariance @ carried.T

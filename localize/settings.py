@@ -160,6 +160,27 @@ class SightingSettings(Settings):
     """A sighting off by less than this is not refused [m]."""
 
 
+class RangeSettings(Settings):
+    """UWB ranges on their way into the filter."""
+
+    max_innovation: PositiveFloat = 4.0
+    """A range off by more sigmas than this is refused."""
+    min_gate: PositiveFloat = 0.3
+    """A range off by less than this is not refused [m]."""
+    huber_sigmas: PositiveFloat = 2.0
+    """Beyond this many sigmas a range weighs less."""
+    max_speed: PositiveFloat = 3.0
+    """A range that changes faster than the robot moves has jumped [m/s]."""
+    memory_s: PositiveFloat = 2.0
+    """What an anchor read longer ago than this tells nothing of its next reading [s]."""
+    together_s: PositiveFloat = 1.0
+    """Ranges of this long a time make one fix where there is nothing but ranges [s]."""
+    in_row: PositiveInt = 3
+    """Readings in a row after which an anchor is taken to be blocked, or to be heard again."""
+    bias_walk: NonNegativeFloat = 0.003
+    """How fast what an anchor reads too long wanders [m/√s]."""
+
+
 class GraphSettings(Settings):
     """The pose graph."""
 
@@ -190,4 +211,5 @@ class LocalizeSettings(Settings):
     sightings: SightingSettings = Field(default_factory=SightingSettings)
     degeneracy: DegeneracySettings = Field(default_factory=DegeneracySettings)
     modes: ModeSettings = Field(default_factory=ModeSettings)
+    ranges: RangeSettings = Field(default_factory=RangeSettings)
     graph: GraphSettings = Field(default_factory=GraphSettings)

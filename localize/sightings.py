@@ -46,24 +46,40 @@ class Sightings:
         self._kept: deque[Sighting] = deque(maxlen=settings.window)
         self._tried = 0
         self.unknown_anchors: set[int] = set()
+        self.shared = False
+        """Whether the filter takes every other range of an anchor."""
+        self._filters_turn: dict[int, bool] = {}
 
-    def add(self, measurement: UwbRange | PrismFix) -> None:
-        """Take a range or fix in; what the rig has no block for, or no anchor, is left out."""
+    @property
+    def anchors(self) -> dict[int, Array]:
+        """Anchor id -> place (3,) in the shifted map."""
+        return dict(self._anchors)
+
+    def add(self, measurement: UwbRange | PrismFix) -> bool:
+        """Take a range or fix in, or say that it is the filter's: each is counted once.
+
+        What the rig has no block for, or no anchor, is left out.
+        """
         if isinstance(measurement, UwbRange):
             if self.rig.uwb is None:
-                return
+                return False
             if measurement.anchor not in self._anchors:
                 self.unknown_anchors.add(measurement.anchor)
-                return
+                return False
         elif self.rig.total_station is None:
-            return
+            return False
         source = measurement.anchor if isinstance(measurement, UwbRange) else None
         since = measurement.stamp_ns - self._taken_ns.get(source, -(1 << 62))
         # readings of one source a moment apart share one error
         if 0 <= since < self.settings.interval_s * 1e9:
-            return
+            return False
         self._taken_ns[source] = measurement.stamp_ns
+        if source is not None and self.shared:
+            self._filters_turn[source] = not self._filters_turn.get(source, False)
+            if self._filters_turn[source]:
+                return True
         self._waiting.append(measurement)
+        return False
 
     def reached(self, stamp_ns: int, T_odom_imu: Array) -> list[Sighting]:
         """The odometry came to a pose: what was sighted until then."""

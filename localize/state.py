@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,8 +23,9 @@ SCALE = slice(48, 49)
 ERROR_DIM = 49
 """Of a state that has no tail. All columns up to here are always there; what is not estimated has no covariance."""
 ODOM = slice(49, 55)
-BIASES_FROM = 55
-"""The tail: where odom lies in the map, once that is known, and after it one range bias for each anchor heard."""
+RANGE_SCALE = slice(55, 56)
+BIASES_FROM = 56
+"""The tail: where odom lies in the map, once that is known, the ranges' scale, and a bias for each anchor heard."""
 _POSES = (slice(0, 6), LIDAR, TAG, WHEEL, CLONE)
 """36 as in paper 000; 6 of the last keyframe's pose, whose correlation with the present gives the relative pose
 covariance between keyframes; 6 of the local map, which lies as wrong as the poses it was built from; and the wheel's
@@ -43,6 +43,7 @@ class NavState:
     wheel_scale : true speed over that of the wheel.
     T_map_odom : where odom lies in the map, or None while nobody knows; errs like ``T_odom_map``, turned about
     ``odom_centre`` (3,), a place in the map near the robot.
+    range_scale : UWB distances as read over true ones.
     anchors, range_biases : ids of the UWB anchors heard, and what each reads too long (n,) [m].
     """
 
@@ -61,6 +62,7 @@ class NavState:
     wheel_scale: float = 1.0
     T_map_odom: Array | None = None
     odom_centre: Array = field(default_factory=lambda: np.zeros(3))
+    range_scale: float = 1.0
     anchors: tuple[int, ...] = ()
     range_biases: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -75,8 +77,8 @@ class NavState:
         return se3(self.R, self.p)
 
     def copy(self) -> NavState:
-        """A state of its own arrays."""
-        return copy.deepcopy(self)
+        """A state apart from this one: only R, p and v are ever changed in place."""
+        return replace(self, R=self.R.copy(), p=self.p.copy(), v=self.v.copy())
 
     def boxplus(self, delta: Array) -> NavState:
         """The state moved by an error (dim,); gravity keeps its length, which is known (PAPERS: 000)."""
@@ -99,6 +101,7 @@ class NavState:
             if self.T_map_odom is None
             else _moved_about(self.odom_centre, delta[ODOM]) @ self.T_map_odom,
             odom_centre=self.odom_centre,
+            range_scale=self.range_scale + (float(delta[RANGE_SCALE][0]) if self.T_map_odom is not None else 0.0),
             anchors=self.anchors,
             range_biases=self.range_biases + delta[BIASES_FROM:],
         )
@@ -108,12 +111,14 @@ class NavState:
 
         Both have the same tail.
         """
-        # one call for all poses: this runs in every iteration of every update
-        mine, others = self._poses(), other._poses()
-        turns = so3_log(np.swapaxes(others[:, :3, :3], 1, 2) @ mine[:, :3, :3])
-        delta = np.empty(self.dim)
-        for columns, turn, moved in zip(_POSES, turns, (mine - others)[:, :3, 3], strict=True):
-            delta[columns] = np.concatenate([turn, moved])
+        delta = np.zeros(self.dim)
+        pairs = zip(_POSES, self._poses(), other._poses(), strict=True)
+        columns, mine, others = zip(*((c, T, T_other) for c, T, T_other in pairs if T is not T_other), strict=True)
+        # one call for all that moved: this runs in every iteration of every update
+        T, T_other = np.stack(mine), np.stack(others)
+        turns = so3_log(np.swapaxes(T_other[:, :3, :3], 1, 2) @ T[:, :3, :3])
+        for pose, turn, step in zip(columns, turns, (T - T_other)[:, :3, 3], strict=True):
+            delta[pose] = np.concatenate([turn, step])
         delta[VELOCITY] = self.v - other.v
         delta[GYRO_BIAS] = self.gyro_bias - other.gyro_bias
         delta[ACCEL_BIAS] = self.accel_bias - other.accel_bias
@@ -122,12 +127,13 @@ class NavState:
         delta[SCALE] = self.wheel_scale - other.wheel_scale
         if self.T_map_odom is not None and other.T_map_odom is not None:
             delta[ODOM] = _move_about(self.odom_centre, self.T_map_odom @ inverse(other.T_map_odom))
+            delta[RANGE_SCALE] = self.range_scale - other.range_scale
             delta[BIASES_FROM:] = self.range_biases - other.range_biases
         return delta
 
-    def _poses(self) -> Array:
-        """All poses (5, 4, 4), in the order of `_POSES`."""
-        return np.stack([self.T_odom_imu, self.T_imu_lidar, self.T_imu_tag, self.T_imu_wheel, self.T_odom_clone])
+    def _poses(self) -> tuple[Array, ...]:
+        """All poses (4, 4), in the order of `_POSES`."""
+        return self.T_odom_imu, self.T_imu_lidar, self.T_imu_tag, self.T_imu_wheel, self.T_odom_clone
 
 
 def _moved_about(centre: Array, delta: Array) -> Array:
@@ -142,4 +148,7 @@ def _move_about(centre: Array, moved: Array) -> Array:
 
 
 def _pose_plus(T: Array, delta: Array) -> Array:
+    """``T`` itself where nothing moves it: mountings that are known exactly."""
+    if not delta.any():
+        return T
     return se3(T[:3, :3] @ so3_exp(delta[:3]), T[:3, 3] + delta[3:])

@@ -68,6 +68,19 @@ class Scan:
         """Time of the last point (``stamp_ns`` for an empty scan)."""
         return self.stamp_ns + int(self.offsets_ns.max(initial=0))
 
+    def since(self, stamp_ns: int) -> Scan:
+        """The part of the scan from ``stamp_ns`` on."""
+        if self.stamp_ns + int(self.offsets_ns.min(initial=0)) >= stamp_ns:
+            return self
+        kept = self.offsets_ns >= stamp_ns - self.stamp_ns
+        return Scan(
+            self.stamp_ns,
+            self.points[kept],
+            self.offsets_ns[kept],
+            None if self.ring is None else self.ring[kept],
+            None if self.intensity is None else self.intensity[kept],
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuSample:
