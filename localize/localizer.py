@@ -16,6 +16,7 @@ from localize.ranging import Ranging
 from localize.results import Event, LocalizationResult, State, Uncertainty, Update
 from localize.settings import LocalizeSettings
 from localize.sightings import Sighting, Sightings
+from localize.slip import WheelFusion
 from localize.smoothing import smoothed
 from localize.start import StartingOdometry
 from localize.state import POSITION, ROTATION
@@ -85,6 +86,7 @@ class Localizer:
         self._mode = ModeState()
         self._degeneracy = DegeneracyMonitor(self.settings.degeneracy, self.settings.keyframes)
         self._uncertainty: list[Uncertainty] = []
+        self._slips_told = 0
         self._fitted_ns: dict[str, dict[int | None, int]] = {"uwb": {}, "prism": {}}
         self._pins_dirty = False
 
@@ -118,6 +120,7 @@ class Localizer:
         """The steps of paper 004 section 3 for one scan."""
         self._odometry_track.append((pose.stamp_ns, pose.T_odom_imu))
         self._counts["scans"] += 1
+        self._note_slips(pose.stamp_ns)
         if pose.keyframe:
             self._newest = self._add_keyframe(pose)
             self._recognise_intersection(self._newest)
@@ -271,16 +274,29 @@ class Localizer:
             self._event(pose.stamp_ns, "mode", before=self._mode.mode, after=mode.mode)
         self._mode = mode
 
+    def _wheel(self) -> WheelFusion | None:
+        engine = self._odometry.odometry
+        return engine.wheel if engine is not None else None
+
+    def _note_slips(self, stamp_ns: int) -> None:
+        wheel = self._wheel()
+        changes = wheel.changes[self._slips_told :] if wheel is not None else []
+        for change in changes:
+            if change.stamp_ns > stamp_ns:
+                break
+            self._event(change.stamp_ns, "slip", begun=change.slipping, excess_m_s=change.excess)
+            self._slips_told += 1
+
     def _evidence(self, pose: OdometryPose) -> Evidence:
         """What the mode is concluded from (paper 000 Eq. 18, 19)."""
         since_ns = pose.stamp_ns - round(self.settings.modes.hold_s * 1e9)
-        engine = self._odometry.odometry
+        wheel = self._wheel()
         return Evidence(
             pose.stamp_ns,
             anchors=sum(stamp_ns > since_ns for stamp_ns in self._fitted_ns["uwb"].values()),
             outside=self._outside_sphere(pose),
             prism=any(stamp_ns > since_ns for stamp_ns in self._fitted_ns["prism"].values()),
-            wheel=engine is not None and engine.last_wheel_used_ns > since_ns,
+            wheel=wheel is not None and wheel.gripped_ns > since_ns,
             degree=self._degeneracy.degree,
         )
 
@@ -347,7 +363,8 @@ class Localizer:
             **self._counts,
             "intersections_recognised": sorted(self._recognised),
             "dropped": dict(engine.dropped) if engine else {},
-            "wheel_slips": engine.slips if engine else 0,
+            "wheel_slips": self._slips_told // 2 + self._slips_told % 2,
+            "wheel_scale": engine.filter.state.wheel_scale if engine and engine.wheel else None,
             "imu_gaps": engine.gaps if engine else 0,
             "unknown_anchors": sorted(self._sightings.unknown_anchors),
             "state": self._state,

@@ -13,9 +13,9 @@ from localize.local_map import LocalMap, ScanMatch
 from localize.range_check import Verdict
 from localize.ranging import Ranging
 from localize.settings import KeyframeSettings, OdometrySettings
+from localize.slip import WheelFusion
 from localize.state import NavState
 from localize.uwb import Vertical
-from localize.wheel import WheelVelocity
 from semmap.geometry import Array, inverse, rotation_angle, transform
 from semmap.measurements import ImuSample, Measurement, Scan, UwbRange, WheelSpeed
 from semmap.rig import Rig
@@ -76,13 +76,13 @@ class Odometry:
         self.rig, self.settings, self.keyframes, self.filter = rig, settings, keyframes, start
         self.map = LocalMap(rig.lidar, settings) if rig.lidar is not None else None
         self.dropped: dict[str, int] = {}
-        self.slips = self.gaps = 0
+        self.wheel = WheelFusion(rig.wheel, settings) if rig.wheel is not None else None
+        self.gaps = 0
         self._imu: list[ImuSample] = []
         self._imu_stamps: list[int] = []
         self._wheel: list[WheelSpeed] = []
         self._scans: list[Scan] = []
         self._last_wheel_ns = -(1 << 62)
-        self.last_wheel_used_ns = -(1 << 62)
         self._T_odom_keyframe: Array | None = None
         self.ranging: Ranging | None = None
         self.judged: list[tuple[UwbRange, Verdict]] = []
@@ -100,7 +100,7 @@ class Odometry:
         match measurement:
             case ImuSample():
                 self._add_imu(measurement)
-            case WheelSpeed() if self.rig.wheel is not None:
+            case WheelSpeed() if self.wheel is not None:
                 if self._in_time(measurement.stamp_ns, "wheel"):
                     bisect.insort(self._wheel, measurement, key=lambda m: m.stamp_ns)
             case UwbRange() if self.ranging is not None:
@@ -195,7 +195,8 @@ class Odometry:
             if reading.stamp_ns > self.filter.stamp_ns:
                 tracks.append(self._predict(reading.stamp_ns))
                 self._last_wheel_ns = reading.stamp_ns
-                self._take_wheel(reading, tracks[-1].rate[-1] + self.filter.state.gyro_bias)
+                if self.wheel is not None:
+                    self.wheel.take(reading, tracks[-1].rate[-1] + self.filter.state.gyro_bias, self.filter)
         self._take_ranges(end_ns, tracks)
         if end_ns > self.filter.stamp_ns or not tracks:
             tracks.append(self._predict(end_ns))
@@ -233,14 +234,3 @@ class Odometry:
         )
         del self._imu[:first], self._imu_stamps[:first]
         return track
-
-    def _take_wheel(self, reading: WheelSpeed, gyro: Array) -> None:
-        assert self.rig.wheel is not None
-        s = self.settings
-        forward = np.hypot(self.rig.wheel.speed_std, s.wheel_scale_std * reading.speed)
-        model = WheelVelocity(reading.speed, gyro, np.array([forward, s.sideways_std, s.sideways_std]))
-        if model.forward_mahalanobis2(self.filter.state, self.filter.P) > s.slip_gate:
-            self.slips += 1
-            return
-        self.filter.update(model)
-        self.last_wheel_used_ns = reading.stamp_ns

@@ -48,12 +48,10 @@ class OdometrySettings(Settings):
     min_matches: PositiveInt = 30
     wheel_interval_s: PositiveFloat = 0.1
     """Wheel readings closer than this are skipped: their errors repeat."""
-    wheel_scale_std: PositiveFloat = 0.01
-    """Unknown scale of the wheel, relative."""
+    wheel_scale_std: NonNegativeFloat = 0.01
+    """How far off the wheel's scale may be, relative; it is estimated. 0 takes the wheel at its word."""
     sideways_std: PositiveFloat = 0.1
     """How well the non-holonomic constraint holds, sideways and upward [m/s]."""
-    slip_gate: PositiveFloat = 16.0
-    """Squared Mahalanobis distance of the forward speed beyond which the wheel slips."""
     start_s: PositiveFloat = 2.0
     """The first stretch, run several times to find speed and tilt [s]."""
     start_velocity_std: PositiveFloat = 2.0
