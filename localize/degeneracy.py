@@ -18,7 +18,9 @@ from localize.settings import DegeneracySettings, KeyframeSettings, ModeSettings
 from semmap.geometry import Array
 
 _TURN_KNOWN = 1.0 / 0.05**2
-"""What is known of the attitude without the scan, in its marginal: within 0.05 rad, per axis."""
+"""What is known of the attitude without the scan: within 0.05 rad, per axis."""
+_PLACE_KNOWN = 1.0
+"""What is known of the place without the scan: within 1 m."""
 
 
 class Weakest(NamedTuple):
@@ -63,13 +65,12 @@ def weakest_of_scan(A: Array, R_odom_imu: Array) -> Weakest:
     """Direction in odom in which a scan alone places the LiDAR worst, and its standard deviation [m].
 
     A : information (6, 6) of the scan over rotation and position of the imu, in its own axes. The attitude is sought
-    with it, so its share is taken off (Schur complement); infinity where the scan says nothing.
+    with it, so its share is taken off (Schur complement). 1 m where the scan says nothing.
     """
     turns = A[:3, :3] + _TURN_KNOWN * np.eye(3)
     marginal = A[3:, 3:] - A[3:, :3] @ np.linalg.solve(turns, A[:3, 3:])
     values, vectors = np.linalg.eigh(0.5 * (marginal + marginal.T))
-    std = 1.0 / np.sqrt(values[0]) if values[0] > 0.0 else np.inf
-    return Weakest(R_odom_imu @ vectors[:, 0], float(std))
+    return Weakest(R_odom_imu @ vectors[:, 0], float(1.0 / np.sqrt(max(values[0], 0.0) + _PLACE_KNOWN)))
 
 
 def _largest(covariance: Array) -> Weakest:
@@ -161,6 +162,6 @@ def _event(name: str, spell: _Spell, stamp_ns: int) -> Event:
         "of": name,
         "begun": spell.latch.on,
         "axis_imu" if name == "rotation" else "direction_odom": spell.direction().tolist(),
-        "degree": spell.worst if np.isfinite(spell.worst) else None,
+        "degree": spell.worst,
         "since_s": (stamp_ns - spell.begin_ns) * 1e-9,
     }

@@ -209,6 +209,10 @@ class ErrorStateFilter:
         J[:, MAP] = np.eye(6) - new
         J[:, ROTATION] = new[:, :3] @ self.state.R
         J[:, POSITION] = new[:, 3:]
+        # the points lie where the LiDAR is thought to be: its mounting moves them as the pose does
+        R_imu_lidar, p_imu_lidar = self.state.T_imu_lidar[:3, :3], self.state.T_imu_lidar[:3, 3]
+        turned = new[:, :3] + new[:, 3:] @ skew(self.state.R @ p_imu_lidar)
+        J[:, LIDAR] = np.hstack([turned @ self.state.R @ R_imu_lidar, new[:, 3:] @ self.state.R])
         rows = J @ self.P
         own = rows @ J.T
         self.P[MAP], self.P[:, MAP] = rows, rows.T

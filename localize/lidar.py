@@ -62,7 +62,7 @@ class ScanToMap:
             return None
         J = _columns_of(state)
         A, b, _, self.blind = _beyond_noise(matches)
-        self.pose_information = np.asarray(A / self.correlation)
+        self.pose_information = A / self.correlation
         squared = sum(float(np.nansum((match.residuals / match.sigmas) ** 2)) for match in matches)
         return Information(
             J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS, squared, self.matched,

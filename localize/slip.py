@@ -3,8 +3,8 @@
 A slip of 20 % at 0.3 m/s is three sigmas of one reading, which happens; and a filter that follows the wheel soon sees
 nothing. So innovations are summed (CUSUM), and what the wheel did to the velocity since the first suspicion is taken
 back: the IMU carries it over. A slipping wheel is a wheel of another scale: while it slips, its scale is free, learnt
-from the speed that the IMU carries (and LiDAR or UWB where they hold it), and forgotten when the sums tell a step back to
-where the scale of before fits again. A wheel that spins or is locked is not heard until its speed fits. The
+from the speed that the IMU carries (and LiDAR or UWB where they hold it), and forgotten when the sums tell a step back
+to where the scale of before fits again. A wheel that spins or is locked is not heard until its speed fits. The
 non-holonomic constraint holds in any case.
 """
 
@@ -25,8 +25,8 @@ from semmap.rig import WheelBlock
 
 _DRIFT = 0.75
 """[sigma] what an innovation may be off without counting: about half of the smallest shift that matters."""
-_ALARM = 5.0
-"""[sigma] the sum at which chance is ruled out; a shift of three sigmas takes three readings."""
+_ALARM = 6.0
+"""[sigma] the sum at which it is no chance (once in 40,000 readings); a shift of three sigmas takes three of them."""
 _SLIP_STD = 0.5
 """What a slip may change the scale by, relative."""
 _SLIP_WALK = 0.002

@@ -44,13 +44,18 @@ class Walls:
 
 @dataclass
 class Step:
-    """One tenth of a second: true distance and speed along the tunnel beside the filter's state and covariance."""
+    """One tenth of a second: time [s], error of the distance [m] and its deviation, the wheel's scale and its own."""
 
     t: float
-    x: float
-    v: float
-    filter: ErrorStateFilter
+    off_m: float
+    along_std: float
+    scale: float
+    scale_std: float
     wheel: WheelFusion
+
+    @property
+    def gripped_s(self) -> float:
+        return self.wheel.gripped_ns * 1e-9
 
 
 def drive(
@@ -90,4 +95,5 @@ def drive(
         filter.update(Walls(R, p, 0.01 if seen(now) else None))
         reading = v[-1] * (1.0 + slip(now)) / scale + WHEEL.speed_std * rng.normal()
         wheel.take(WheelSpeed(int(now * 1e9), reading), track.rate[-1] + filter.state.gyro_bias, filter)
-        yield Step(now, x, v[-1], filter, wheel)
+        state, std = filter.state, np.sqrt(np.diag(filter.P))
+        yield Step(now, state.p[0] - x, std[POSITION][0], state.wheel_scale, std[SCALE][0], wheel)
