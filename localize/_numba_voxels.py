@@ -343,3 +343,35 @@ def point_to_shape(
             B[row, column] = B[column, row]
             C[row, column] = C[column, row]
     return matched
+
+
+@njit(cache=True)
+def beyond_noise(A, b, B, C, doubt, blind):
+    """A (6, 6), b (6,) and B (6, 6) of `point_to_shape` without what C explains, in place; see `localize.lidar`.
+
+    Rotation and position each for themselves: along a direction in which a share γ of A comes from C, b is multiplied
+    by ``1 - doubt γ``, at least 0, and A and B by its square. blind (6, 6): the directions, unit columns, where that is
+    0; the other columns are 0.
+    """
+    T, W, share, V = np.zeros((6, 6)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    blind[:, :] = 0.0
+    for first in (0, 3):
+        block = slice(first, first + 3)
+        # whitened by A: W A Wᵀ = 1, rows of W
+        eigen3(A[block, block].copy(), share, W)
+        least = 1e-9 * (share[0] + share[1] + share[2])
+        for i in range(3):
+            W[i] /= np.sqrt(max(share[i], least))
+        eigen3(W @ np.ascontiguousarray(C[block, block]) @ W.T, share, V)
+        directions = V @ W
+        known = directions @ np.ascontiguousarray(A[block, block])
+        for i in range(3):
+            left = max(0.0, 1.0 - doubt * share[i])
+            for row in range(3):
+                for column in range(3):
+                    T[first + row, first + column] += left * known[i, row] * directions[i, column]
+            if left == 0.0:
+                blind[block, first + i] = directions[i] / np.sqrt(np.sum(directions[i] ** 2))
+    A[:, :] = T @ A @ T.T
+    b[:] = T @ b
+    B[:, :] = T @ B @ T.T

@@ -178,7 +178,8 @@ class ErrorStateFilter:
             if np.abs(delta[:6]).max() < tolerance:
                 break
         if info is not None:
-            P, aside = np.asarray(np.linalg.solve(M, P)), np.linalg.solve(M, aside)
+            rest = np.asarray(np.linalg.solve(M, np.column_stack([P, aside])), dtype=np.float64)
+            P, aside = rest[:, : len(P)], rest[:, len(P) :]
             self.P = 0.5 * (P + P.T) + aside @ aside.T
         return info
 

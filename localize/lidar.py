@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from localize._numba_voxels import beyond_noise
 from localize.filter import Information
 from localize.state import LIDAR, MAP, POSITION, ROTATION, NavState
 from localize.voxel_map import RangeNoise, ShapeMatch, VoxelMap
@@ -19,7 +20,6 @@ _VAGUE = np.diag(np.repeat([0.05**-2, 0.5**-2], 3))
 
 _DOUBT = 1.2
 """Noise of normals is known to so much: what is not more than this times it is nothing."""
-_TINY = 1e-9
 
 
 class ScanPart(NamedTuple):
@@ -98,7 +98,7 @@ class ScanToMap:
 
 
 class _Knowledge(NamedTuple):
-    """What a scan knows: A, b, B as in `ShapeMatch`, and the directions (6, m), unit vectors, it knows nothing of."""
+    """What a scan knows: A, b and B as in `ShapeMatch`; and orthonormal directions (6, m) that it knows nothing of."""
 
     A: Array
     b: Array
@@ -116,23 +116,12 @@ def _beyond_noise(matches: Sequence[ShapeMatch]) -> _Knowledge:
     each for themselves, so that a well known attitude does not lend its knowledge to the axis.
     """
     A, b, B, C = (np.asarray(sum(getattr(match, name) for match in matches)) for name in ("A", "b", "B", "C"))
-    T, blind = np.zeros((6, 6)), np.zeros((6, 6))
-    for block in (slice(0, 3), slice(3, 6)):
-        known = A[block, block]
-        L = np.linalg.cholesky(known + (_TINY * np.trace(known)) * np.eye(3))
-        L_inverse = np.linalg.inv(L)
-        share, V = np.linalg.eigh(L_inverse @ C[block, block] @ L_inverse.T)
-        left = np.maximum(0.0, 1.0 - _DOUBT * share)
-        T[block, block] = L @ (V * left) @ V.T @ L_inverse
-        if np.any(left == 0.0):
-            blind[block, block] = _orthonormal((L_inverse.T @ V) * (left == 0.0))
-    return _Knowledge(T @ A @ T.T, T @ b, T @ B @ T.T, blind[:, np.any(blind, axis=0)])
-
-
-def _orthonormal(directions: Array) -> Array:
-    """Orthonormal columns (3, 3) that span those of ``directions`` (3, 3); the rest are 0."""
-    U, size, _ = np.linalg.svd(directions)
-    return np.asarray(U * (size > _TINY * size[0]))
+    blind = np.empty((6, 6))
+    beyond_noise(A, b, B, C, _DOUBT, blind)
+    if not blind.any():
+        return _Knowledge(A, b, B, np.zeros((6, 0)))
+    U, size, _ = np.linalg.svd(blind)
+    return _Knowledge(A, b, B, U[:, size > 1e-6])
 
 
 def _columns_of(state: NavState) -> Array:

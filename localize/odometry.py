@@ -33,7 +33,8 @@ class OdometryPose:
     """What the filter knows at the end of a scan.
 
     stamp_ns : time of the scan's end. T_odom_imu : (4, 4). covariance : (dim, dim), order of `localize.state`.
-    state : the whole state. deskewed : (n, 3) points in the lidar frame at that time; empty without a scan.
+    state : the whole state. deskewed : (n, 3) points in the lidar frame at that time, of a keyframe all, else those
+    that were used; empty without a scan.
     matched : scan points that met a plane; considered : scan points tried.
     keyframe : whether the filter moved far enough since the last one (paper 004 Eq. 8, 9).
     T_keyframe_imu : (4, 4) pose relative to the last keyframe; where ranges came in between, as now known of both.
@@ -149,15 +150,18 @@ class Odometry:
         """One scan: propagate with the wheel on the way, deskew, match, extend the local map."""
         track = self._propagate(end_ns)
         deskewed = np.empty((0, 3))
-        match = ScanMatch(0, 0, None)
+        match, T_imu_lidar = ScanMatch(0, 0, None), self.filter.state.T_imu_lidar
         if scan is not None and self.map is not None:
             scan = scan.since(track.zero_ns - _TICK_NS // 2)
-            deskewed = track.deskew(scan.points, scan.offsets_ns, scan.stamp_ns, self.filter.state.T_imu_lidar)
-            surfaces = self.map.surfaces(scan, deskewed)
+            sparse = scan.thinned(self.settings.scan_points)
+            deskewed = track.deskew(sparse.points, sparse.offsets_ns, sparse.stamp_ns, T_imu_lidar)
+            surfaces = self.map.surfaces(sparse, deskewed)
             match = self.map.match(surfaces, self.filter)
             self.map.extend(surfaces, self.filter)
         T_keyframe_imu, covariance = self._since_keyframe(), self.filter.covariance_since_clone()
         keyframe = self._keyframe_rule()
+        if keyframe and scan is not None:
+            deskewed = track.deskew(scan.points, scan.offsets_ns, scan.stamp_ns, T_imu_lidar)
         return OdometryPose(
             end_ns, self.filter.state.copy(), self.filter.P.copy(), deskewed, match.matched, match.considered, keyframe,
             T_keyframe_imu, covariance, match.information,

@@ -44,8 +44,9 @@ class Ranging:
         std = self.block.range_std
         model = TagRange(reading.anchor, self.anchors[reading.anchor], reading.distance, std)
         predicted = reading.distance - float(model.residual(filter.state)[0])
-        known = float(np.sqrt(model.predicted_variance(filter.state, filter.P)))
-        verdict = self.check.judge(reading, predicted, known, std)
+        known = float(np.sqrt(max(0.0, model.predicted_variance(filter.state, filter.P))))
+        bent = model.bent_variance(filter.state, filter.P)
+        verdict = self.check.judge(reading, predicted, known, float(np.sqrt(std**2 + bent)))
         if not verdict.refused:
             weighed = TagRange(reading.anchor, model.p_map, reading.distance, verdict.std)
             filter.update(weighed, iterations=_ITERATIONS)

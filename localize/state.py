@@ -77,8 +77,9 @@ class NavState:
         return se3(self.R, self.p)
 
     def copy(self) -> NavState:
-        """A state apart from this one: only R, p and v are ever changed in place."""
-        return replace(self, R=self.R.copy(), p=self.p.copy(), v=self.v.copy())
+        """A state apart from this one. Its transforms are shared: they are replaced, never changed in place."""
+        own = ("R", "p", "v", "gyro_bias", "accel_bias", "g", "range_biases")
+        return replace(self, **{name: getattr(self, name).copy() for name in own})
 
     def boxplus(self, delta: Array) -> NavState:
         """The state moved by an error (dim,); gravity keeps its length, which is known (PAPERS: 000)."""

@@ -62,6 +62,17 @@ class TagRange:
         H, columns = self.jacobian(state)[0], self.columns(state)
         return float(H @ P[np.ix_(columns, columns)] @ H)
 
+    def bent_variance(self, state: NavState, P: Array) -> float:
+        """Variance [m²] of what a straight line leaves out: near an anchor, spheres are not planes.
+
+        ``½ tr (∇²d P ∇²d P)`` with the tag's covariance, as filters of second order add to the noise.
+        """
+        J, away = _tag_jacobian(state), tag_in_map(state) - self.p_map
+        distance = self._computed(state)
+        bent = (np.eye(3) - np.outer(away, away) / distance**2) / distance
+        product = bent @ J @ P[np.ix_(_COLUMNS, _COLUMNS)] @ J.T
+        return float(0.5 * np.trace(product @ product))
+
 
 @dataclass(frozen=True, slots=True)
 class TagPosition:
