@@ -33,8 +33,8 @@ def mine(seed):
 
 
 @cache
-def flight(seed, seconds, rig_of=anchored, **faults):
-    rig = rig_of()
+def flight(seed, seconds):
+    rig = anchored()
     it = fly(mine(seed), rig=rig, settings=SimulationSettings(duration_s=seconds, start_s=20.0), seed=seed)
     return it, tuple(simulate_measurements(it))
 
@@ -74,11 +74,11 @@ def published(updates, truth):
 
 
 def test_a_smooth_tunnel_is_held_while_anchors_are_heard():
-    it, measurements = flight(3, 40.0)
+    it, measurements = flight(3, 34.0)
     localizer, updates, states = localize(it.rig, measurements)
     truth = it.truth()
     off, squared = judged(localizer, states, truth)
-    assert len(off) > 150 and np.linalg.norm(off, axis=1).max() < 0.6
+    assert len(off) > 120 and np.linalg.norm(off, axis=1).max() < 0.6
     # along the tunnel, where the LiDAR is blind
     assert np.abs(off[:, 0]).max() < 0.2
     assert 0.3 < squared.mean() / 3 < 2.0
@@ -89,13 +89,13 @@ def test_a_smooth_tunnel_is_held_while_anchors_are_heard():
 
 
 def test_ranges_that_stop_jump_or_come_from_one_anchor_do_no_harm():
-    """After the map is known: ten seconds of silence, then one anchor alone, whose readings jump now and then."""
-    it, measurements = flight(3, 40.0)
+    """After the map is known: seven seconds of silence, then one anchor alone, whose readings jump now and then."""
+    it, measurements = flight(3, 34.0)
     begin = measurements[0].stamp_ns
     odd = []
     for index, m in enumerate(measurements):
         if isinstance(m, UwbRange) and (m.stamp_ns - begin) * 1e-9 > 20.0:
-            if (m.stamp_ns - begin) * 1e-9 < 30.0 or m.anchor != 105:
+            if (m.stamp_ns - begin) * 1e-9 < 27.0 or m.anchor != 105:
                 continue
             if index % 7 == 0:
                 m = UwbRange(m.stamp_ns, m.anchor, m.distance + 6.0)

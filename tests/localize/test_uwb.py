@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from localize.filter import ErrorStateFilter, information
+from localize.filter import ErrorStateFilter, InertialTrack
 from localize.motion import coast, follow
 from localize.range_check import RangeCheck
 from localize.ranging import Ranging
 from localize.settings import RangeSettings
 from localize.state import BIASES_FROM, ERROR_DIM, GRAVITY, ODOM, POSITION, RANGE_SCALE, ROTATION, VELOCITY
+from localize.tag_locator import TagLocator
 from localize.tag_position import Ranges, TagFix, find_tag
 from localize.uwb import _COLUMNS, TagPosition, TagRange, Vertical, tag_in_map
-from semmap.geometry import so3_exp
+from semmap.geometry import se3, so3_exp
 from semmap.measurements import UwbRange
 from semmap.rig import ImuBlock, UwbBlock
 
@@ -244,10 +245,80 @@ def test_scale_and_biases_are_found_on_the_way(still):
     assert np.linalg.norm(filter.state.p - p) < 0.2
 
 
+def test_too_many_anchors_keep_the_biases_of_those_heard_last(still):
+    filter = start(still, [13.0, 0.0, 1.0])
+    many = {k: np.array([float(k), 2.0, 2.0]) for k in range(20)}
+    ranging = Ranging(block(), many, RangeSettings())
+    for k in range(20):
+        coast(filter, (k + 1) * 10**8, np.zeros(3))
+        ranging.take(UwbRange((k + 1) * 10**8, k, float(np.linalg.norm(filter.state.p - many[k]))), filter)
+    assert filter.state.anchors == tuple(range(4, 20)) and len(filter.P) == filter.state.dim
+
+
+def test_a_filter_that_all_anchors_contradict_looks_for_its_place_again(still):
+    """Sure to be two metres from where it is: refused for two seconds, and then believed."""
+    true, rng = np.array([13.0, 0.3, 1.0]), np.random.default_rng(7)
+    filter = start(still, true + [2.5, 0.0, 0.0], position_std=0.02, velocity_std=0.02)
+    ranging = Ranging(block(range_std=0.05), ANCHORS, RangeSettings())
+    for k in range(1, 120):
+        anchor = 100 + k % 4
+        coast(filter, k * 50_000_000, np.full(3, 0.01))
+        distance = np.linalg.norm(true - ANCHORS[anchor]) + 0.05 * rng.normal()
+        ranging.take(UwbRange(k * 50_000_000, anchor, float(distance)), filter)
+    assert ranging.doubts == 1
+    np.testing.assert_allclose(tag_in_map(filter.state), true, atol=0.2)
+
+
+def test_blocked_ways_do_not_make_the_filter_doubt_itself(still):
+    """All too long, none too short: rock in the way, not a wrong place."""
+    true = np.array([13.0, 0.3, 1.0])
+    filter = start(still, true, position_std=0.05, velocity_std=0.05)
+    ranging = Ranging(block(range_std=0.05), ANCHORS, RangeSettings())
+    for k in range(1, 120):
+        anchor = 100 + k % 4
+        coast(filter, k * 50_000_000, np.full(3, 0.01))
+        assert ranging.take(
+            UwbRange(k * 50_000_000, anchor, float(np.linalg.norm(true - ANCHORS[anchor])) + 2.5), filter
+        ).refused
+    assert ranging.doubts == 0 and ranging.check.blocked == set(ANCHORS)
+    np.testing.assert_allclose(tag_in_map(filter.state), true, atol=1e-9)
+
+
+def test_fixes_one_after_another_follow_a_walk_with_odd_readings():
+    """The locator stays on the right side of its anchors' wall and leaves out what jumps."""
+    rng = np.random.default_rng(8)
+    wall = {
+        1: np.array([0.0, -2, 0.5]),
+        2: np.array([0.0, 2, 0.5]),
+        3: np.array([0.0, 0, 3.0]),
+        4: np.array([0.4, 0, 1]),
+    }
+    level = TagFix(np.array([5.0, 0.0, 1.0]), np.diag([10.0, 10.0, 0.15]) ** 2, np.zeros(0))
+    locator = TagLocator(UwbBlock(topic="", p_imu_tag=(0, 0, 0), anchors=wall), wall, RangeSettings(), level)
+    off, refused = [], 0
+    for k in range(1, 400):
+        p = np.array([4.0 + 0.02 * k, 1.5 * np.sin(0.02 * k), 1.0])
+        distance = np.linalg.norm(p - wall[1 + k % 4]) + 0.05 * rng.normal() - 3.0 * (k % 50 == 49)
+        fix, verdict = locator.add(UwbRange(k * 25_000_000, 1 + k % 4, float(distance)))
+        refused += verdict is not None and bool(verdict.refused)
+        if fix is not None and k > 40:
+            off.append(np.linalg.norm(fix.p_map - p))
+    assert np.median(off) < 0.25 and max(off) < 1.5 and refused >= 7
+
+
+def test_a_track_moves_with_its_end(rng):
+    """What a range moves the pose by, the scan's beginning moves by as well."""
+    n = 5
+    R = np.array([so3_exp(0.1 * rng.normal(size=3)) for _ in range(n)])
+    track = InertialTrack(0, np.arange(n) * 0.01, R, *(rng.normal(size=(n, 3)) for _ in range(4)))
+    T = se3(so3_exp(rng.normal(size=3)), rng.normal(size=3))
+    np.testing.assert_allclose(track.moved(T).poses, T @ track.poses, atol=1e-12)
+    np.testing.assert_allclose(track.moved(T).v, track.v @ T[:3, :3].T)
+
+
 def test_a_fix_places_the_tag(still):
     """Eq. 5, 6 through the filter: the robot goes where the tag was found, less the lever arm."""
     still.T_imu_tag[:3, 3] = [0.0, 0.0, 0.3]
     filter = start(still, position_std=10.0)
     filter.update(TagPosition(np.array([3.0, 2.0, 1.0]), 1e-4 * np.eye(3)))
     np.testing.assert_allclose(filter.state.p, [3.0, 2.0, 0.7], atol=1e-3)
-    assert information(np.zeros(1), np.ones((1, 1)), np.eye(1), np.r_[0]).count == 1

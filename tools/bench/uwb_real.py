@@ -302,7 +302,7 @@ def walk_results(path: Path, figures: Path | None) -> Iterator[tuple[str, dict[s
             errors = rmse(walk, np.array(track.stamps, np.int64), np.array(track.p_map))
             result[name] = {
                 "rmse_m": errors[0], "rmse_2d_m": errors[1], "refused": track.counts(),
-                "unheard": track.unheard(SETTINGS.memory_s), "refused_readings": track.refused,
+                "unheard": track.unheard(SETTINGS.together_s), "refused_readings": track.refused,
             }  # fmt: skip
         if figures is not None:
             _draw_walk(walk, tracks, figures / f"uwb_{case.replace('/', '_').lower()}.png")
