@@ -5,14 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from localize import lidar
 from localize.filter import ErrorStateFilter, Information, information, start_covariance
-from localize.settings import ExtrinsicSettings, MountingSettings, OdometrySettings
+from localize.settings import ExtrinsicSettings, KeyframeSettings, MountingSettings, OdometrySettings
 from localize.slip import WheelFusion
-from localize.state import POSITION, ROTATION, TAG, WHEEL, NavState
+from localize.start import StartingOdometry
+from localize.state import LIDAR, POSITION, ROTATION, TAG, WHEEL, NavState
 from localize.uwb import TagRange
-from semmap.geometry import se3, skew, so3_exp, so3_log
+from semmap.geometry import quaternion_xyzw, se3, skew, so3_exp, so3_log
 from semmap.measurements import WheelSpeed
 from semmap.rig import ImuBlock, WheelBlock
+from tools.simulator import MotionSettings, SimulationSettings, fly, scenario, simulate_measurements
 
 IMU = ImuBlock(topic="/imu", gyro_bias_std=0.002, accel_bias_std=0.03)
 G = np.array([0.0, 0.0, -9.80665])
@@ -32,7 +35,7 @@ class Vehicle:
     """
 
     def __init__(self, turns):
-        self.t = np.arange(0.0, 60.0, 1.0 / RATE)
+        self.t = np.arange(0.0, 50.0, 1.0 / RATE)
         phase = np.outer(self.t, [0.9, 1.3, 0.7]) + [0.3, 1.1, 0.0]
         angles = np.asarray(turns) * np.sin(phase)
         axes = np.eye(3)
@@ -138,3 +141,36 @@ def test_lever_arm_of_a_turning_vehicle():
     R, rate = v.R[k], 0.5 * (v.gyro[k] + v.gyro[k - 1])
     at_wheel = T_IMU_WHEEL[:3, :3].T @ (R.T @ v.v[k] - skew(T_IMU_WHEEL[:3, 3]) @ rate)
     np.testing.assert_allclose(at_wheel, [v.speed[k], 0.0, 0.0], atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_lidars_place_is_found_by_turns_about_all_axes(seed):
+    """The whole odometry in a mine, the body rocking by 8 degrees."""
+    motion = MotionSettings(wobble_deg=8.0)
+    settings = SimulationSettings(duration_s=16.0, motion=motion)
+    it = fly(scenario("demo", seed=seed), settings=settings, seed=seed)
+    T = it.rig.lidar.T_imu_lidar
+    rng = np.random.default_rng(seed)
+    turned, moved = (axis / np.linalg.norm(axis) for axis in rng.normal(size=(2, 3)))
+    q = tuple(quaternion_xyzw(T[:3, :3] @ so3_exp(np.radians(2.0) * turned)))
+    off = {"p_imu_lidar": tuple(T[:3, 3] + 0.05 * moved), "q_imu_lidar_xyzw": q}
+    rig = it.rig.model_copy(update={"lidar": it.rig.lidar.model_copy(update=off)}).without("wheel")
+    odometry = StartingOdometry(rig, OdometrySettings(extrinsics=ExtrinsicSettings(lidar=OFF)), KeyframeSettings())
+    last = [pose for m in simulate_measurements(it) for pose in odometry.add(m)][-1]
+    found, std = last.state.T_imu_lidar, np.sqrt(np.diag(last.covariance)[LIDAR])
+    error = np.concatenate([so3_log(T[:3, :3].T @ found[:3, :3]), found[:3, 3] - T[:3, 3]])
+    assert np.degrees(np.linalg.norm(error[:3])) < 0.3 and np.linalg.norm(error[3:]) < 0.01
+    assert (np.abs(error) < 5.0 * std).all()
+    assert std[3:].max() < 0.01 and np.degrees(std[:3]).max() < 0.3
+
+
+def test_what_a_scan_was_mapped_with_it_cannot_measure(state, rng):
+    """Matched to a map made from the same pose with the same mounting, it says nothing of either."""
+    filter = ErrorStateFilter(state, np.zeros((state.dim, state.dim)), 0, IMU)
+    L = rng.normal(size=(36, 36))
+    filter.P[:36, :36] = L @ L.T
+    filter.centre_map()
+    filter.extend_map(1.0, np.zeros((6, 0)))
+    columns = lidar._COLUMNS
+    J = lidar._columns_of(state)
+    np.testing.assert_allclose(J.T @ filter.P[np.ix_(columns, columns)] @ J, 0.0, atol=1e-9)
