@@ -11,14 +11,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from semmap.errors import SettingsError
-from semmap.geometry import inverse, se3, so3_exp
+from semmap.geometry import inverse, se3, so3_exp, so3_log
 from semmap.trajectory import Trajectory
 from tools.bench.coal_events import axis_errors_deg, boundaries
+from tools.bench.coal_extrinsics import OFF_DEG, OFF_M, put_off
 from tools.bench.coal_figures import figures
 from tools.bench.coal_runs import FAULTS, OURS, accuracy, outer_alignment
 from tools.bench.coal_tunnel import Drive, errors_table, fault_table, known_systems, verdicts
 from tools.metrics import associate
 from tools.simulator import SensorFaults
+from tools.simulator.coal_tunnel import coal_rig
 
 
 def drive_of(offset: np.ndarray | None = None) -> Trajectory:
@@ -117,3 +119,12 @@ def test_the_tables_tell_means_growth_and_failures() -> None:
     assert list(fault_table(drives).columns[3].cells) == ["1.50"]
     assert verdicts(drives) == ["dlio: 10.0 times the full system's"]
     assert next(iter(OURS)) == "semmap"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_mountings_are_put_off_by_what_is_said(seed: int) -> None:
+    rig, off = coal_rig(), put_off(coal_rig(), seed)
+    for true, moved in ((rig.lidar.T_imu_lidar, off.lidar.T_imu_lidar), (rig.wheel.T_imu_wheel, off.wheel.T_imu_wheel)):
+        assert np.linalg.norm(moved[:3, 3] - true[:3, 3]) == pytest.approx(OFF_M)
+        assert np.degrees(np.linalg.norm(so3_log(true[:3, :3].T @ moved[:3, :3]))) == pytest.approx(OFF_DEG)
+    assert off.uwb == rig.uwb
