@@ -150,7 +150,8 @@ class Odometry:
         """One scan: propagate with the wheel on the way, deskew, match, extend the local map."""
         track = self._propagate(end_ns)
         deskewed = np.empty((0, 3))
-        match, T_imu_lidar = ScanMatch(0, 0, None), self.filter.state.T_imu_lidar
+        match = ScanMatch(0, 0, None)
+        T_imu_lidar = self.filter.state.T_imu_lidar
         if scan is not None and self.map is not None:
             scan = scan.since(track.zero_ns - _TICK_NS // 2)
             sparse = scan.thinned(self.settings.scan_points)

@@ -89,7 +89,7 @@ class WheelFusion:
         self._grip = Scale(1.0, 0.0)
         self._since_ns = 0
         self._heard = True
-        self._readings = 0
+        self._readings, self._apart = 0, 0.0
         self._suspect()
         self.slipping = False
         self.gripped_ns = -(1 << 62)
@@ -116,44 +116,51 @@ class WheelFusion:
         """Sum the innovations, and see whether they have shifted."""
         expected = np.hypot(model.forward_std(filter.state, filter.P), self._std[0])
         shifted = self._cusum.add(float(model.residual(filter.state)[0] / expected))
-        self._sum += model.speed
-        if shifted:
-            self._shift(model, stamp_ns, filter)
-        elif self._cusum.calm:
+        if self._cusum.calm:
             self._suspect()
             if not self.slipping:
                 self._grip = Scale(filter.state.wheel_scale, float(filter.P[SCALE, SCALE][0, 0]))
+            return
+        self._sum += self._excess(model, filter)
+        if shifted:
+            self._shift(model, stamp_ns, filter)
 
     def _shift(self, model: WheelVelocity, stamp_ns: int, filter: ErrorStateFilter) -> None:
         """The wheel has begun to slip, slips otherwise than before, or grips again."""
         filter.state.v = filter.state.v - self._moved_v
         filter.P[VELOCITY, VELOCITY] += np.outer(self._moved_v, self._moved_v)
-        mean, count = self._sum / self._cusum.count, self._cusum.count
+        excess, count = self._sum / self._cusum.count, self._cusum.count
         self._suspect()
-        if self.slipping and self._fits(model, mean, count, filter):
+        if self.slipping and self._fits(model, excess, count, filter):
             self._end(stamp_ns, self._grip, filter)
             return
         ground = float(model.velocity(filter.state)[0]) / self._grip.value
-        over = mean / ground if abs(ground) > self._std[0] else np.inf
+        over = 1.0 + excess / ground if abs(ground) > self._std[0] else np.inf
         if not self.slipping:
             self.slipping, self._since_ns = True, stamp_ns
-            self.changes.append(SlipChange(stamp_ns, True, mean - ground))
+            self.changes.append(SlipChange(stamp_ns, True, excess))
+        self._apart = 0.0
         self._readings, self._heard = 0, _SLIDES[0] < over < _SLIDES[1]
         if self._heard:
             _set_scale(filter, Scale(self._grip.value / over, _SLIP_STD**2))
 
-    def _fits(self, model: WheelVelocity, speed: float, readings: int, filter: ErrorStateFilter) -> bool:
-        """Whether a mean speed of the wheel fits the filter's with the scale of before."""
+    def _excess(self, model: WheelVelocity, filter: ErrorStateFilter) -> float:
+        """What the wheel reads too much [m/s] by the scale of before, had the velocity not followed it already."""
+        forward = filter.state.R @ filter.state.T_imu_wheel[:3, 0]
+        ground = float(model.velocity(filter.state)[0] - forward @ self._moved_v)
+        return model.speed - ground / self._grip.value
+
+    def _fits(self, model: WheelVelocity, excess: float, readings: int, filter: ErrorStateFilter) -> bool:
+        """Whether a mean excess of some readings is chance."""
         known = model.forward_std(filter.state, _without_scale(filter.P))
-        off = abs(speed - float(model.velocity(filter.state)[0]) / self._grip.value)
-        return off < _FIT_SIGMAS * float(np.hypot(known, self._std[0] / np.sqrt(readings)))
+        return abs(excess) < _FIT_SIGMAS * float(np.hypot(known, self._std[0] / np.sqrt(readings)))
 
     def _follow(self, model: WheelVelocity, stamp_ns: int, filter: ErrorStateFilter) -> None:
         """See whether the slip was none, is over, or is here to stay."""
         lasts = stamp_ns - self._since_ns > _LONGEST_NS
         self._readings += 1
         if not self._heard:
-            self._readings = self._readings if self._fits(model, model.speed, 1, filter) else 0
+            self._readings = self._readings if self._fits(model, self._excess(model, filter), 1, filter) else 0
             if lasts:
                 _doubt(model, filter)
             if lasts or self._readings >= _FITTING_READINGS:
@@ -161,9 +168,12 @@ class WheelFusion:
             return
         filter.P[SCALE, SCALE] += _SLIP_WALK**2
         scale = Scale(filter.state.wheel_scale, float(filter.P[SCALE, SCALE][0, 0]))
-        # asked once: later the IMU's speed will have drifted so far that anything is like anything
-        asked = self._readings == _LEARNT_READINGS
-        if asked and abs(scale.value - self._grip.value) < _SAME_SIGMAS * np.sqrt(scale.variance):
+        std, apart = float(np.sqrt(scale.variance)), abs(scale.value - self._grip.value)
+        if self._readings == _LEARNT_READINGS:
+            self._apart = apart
+        # where the IMU alone holds the speed it soon has drifted so far that any scale is like any other
+        told = self._readings == _LEARNT_READINGS or _FIT_SIGMAS * std < self._apart
+        if told and apart < _SAME_SIGMAS * std:
             self._end(stamp_ns, self._grip, filter)
         elif lasts:
             self._end(stamp_ns, scale, filter)
