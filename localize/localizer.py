@@ -247,7 +247,8 @@ class Localizer:
         p_imu = transform(inverse(self._keyframe_track[index][1]), sighting.p_odom[None])[0]
         predicted = transform(self._graph.pose(index), p_imu[None])[0]
         error = predicted - sighting.p_map
-        off = abs(np.linalg.norm(error) - sighting.distance)
+        distance = self._true_distance(sighting)
+        off = abs(np.linalg.norm(error) - distance)
         s = self.settings.sightings
         std = float(np.hypot(sighting.std, np.sqrt(np.trace(self._covariance[3:, 3:]))))
         if gate and off > max(s.min_gate, s.max_innovation * std):
@@ -261,10 +262,17 @@ class Localizer:
             variance = sighting.std**2 + self.settings.graph.drift_position**2
             self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3))
         else:
-            self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, sighting.distance, sighting.std)
+            self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, distance, sighting.std)
         self._fitted_ns["prism" if sighting.anchor is None else "uwb"][sighting.anchor] = sighting.stamp_ns
         self._counts["pins"] += 1
         self._pins_dirty = True
+
+    def _true_distance(self, sighting: Sighting) -> float:
+        """As the filter has come to know the radios."""
+        engine = self._odometry.odometry
+        if sighting.anchor is None or engine is None:
+            return sighting.distance
+        return engine.filter.state.true_distance(sighting.anchor, sighting.distance)
 
     def _note_mode(self, pose: OdometryPose) -> None:
         s = self.settings.modes

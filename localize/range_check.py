@@ -30,7 +30,8 @@ class Verdict:
 
 @dataclass(slots=True)
 class _Anchor:
-    readings: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    readings: deque[UwbRange] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    jumps: deque[UwbRange] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     refused_in_row: int = 0
     agreed_in_row: int = 0
     blocked: bool = False
@@ -52,7 +53,7 @@ class RangeCheck:
         """Anchors that were heard once and not lately."""
         return {
             anchor for anchor, record in self._anchors.items()
-            if stamp_ns - record.readings[-1][0] > self.settings.memory_s * 1e9
+            if stamp_ns - record.readings[-1].stamp_ns > self.settings.memory_s * 1e9
         }  # fmt: skip
 
     def judge(self, reading: UwbRange, predicted: float, predicted_std: float, std: float) -> Verdict:
@@ -65,8 +66,9 @@ class RangeCheck:
         innovation, sigma = reading.distance - predicted, float(np.hypot(predicted_std, std))
         gate = max(s.min_gate, s.max_innovation * sigma)
         jumped = self._jumped(record, reading, std)
-        record.readings.append((reading.stamp_ns, reading.distance))
+        record.readings.append(reading)
         if jumped:
+            record.jumps.append(reading)
             refused = "jump"
         elif innovation > (0.5 * gate if record.blocked else gate):
             refused = "long"
@@ -77,13 +79,20 @@ class RangeCheck:
         return Verdict(refused, innovation, std * weaker)
 
     def _jumped(self, record: _Anchor, reading: UwbRange, std: float) -> bool:
-        """Whether most of the anchor's last readings are farther off than the robot can have moved since."""
+        """Whether the robot cannot have moved so fast.
+
+        Seen from most of the anchor's last readings, and from those of them that were no jumps: after a burst of odd
+        ones, the next good one is good at once.
+        """
         s = self.settings
-        age_s = np.array([(reading.stamp_ns - stamp) * 1e-9 for stamp, _ in record.readings])
-        off = np.array([abs(reading.distance - distance) for _, distance in record.readings])
+        age_s = np.array([(reading.stamp_ns - last.stamp_ns) * 1e-9 for last in record.readings])
+        off = np.array([abs(reading.distance - last.distance) for last in record.readings])
+        near = off < s.max_speed * age_s + np.sqrt(2.0) * s.max_innovation * std
         lately = age_s < s.memory_s
-        reach = s.max_speed * age_s[lately] + np.sqrt(2.0) * s.max_innovation * std
-        return bool(lately.sum() >= 2 and np.mean(off[lately] > reach) > 0.5)
+        trusted = lately & np.array([last not in record.jumps for last in record.readings], dtype=np.bool_)
+        if lately.sum() < 2:
+            return False
+        return not (near[lately].mean() >= 0.5 or (trusted.any() and near[trusted].mean() >= 0.5))
 
     def _persisted(self, record: _Anchor, refused: str) -> str:
         """The anchor's state after a reading; a good one of a blocked anchor is on probation first."""

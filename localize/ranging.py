@@ -9,7 +9,8 @@ import numpy as np
 from localize.filter import ErrorStateFilter
 from localize.range_check import RangeCheck, Verdict
 from localize.settings import RangeSettings
-from localize.uwb import TagRange
+from localize.tag_position import Ranges, TagFix, find_tag
+from localize.uwb import TagPosition, TagRange, tag_in_map
 from semmap.geometry import Array
 from semmap.measurements import UwbRange
 from semmap.rig import UwbBlock
@@ -19,6 +20,8 @@ _MOST_BIASES = 16
 """Anchors whose biases are kept."""
 _VOICES = 3
 """Anchors that must contradict the filter."""
+_AGREEING = 0.8
+"""Share of their readings that one place must explain."""
 
 
 class Ranging:
@@ -32,8 +35,7 @@ class Ranging:
         self.check = RangeCheck(settings)
         self.doubts = 0
         self._aged_ns: int | None = None
-        self._off: dict[int, float] = {}
-        self._off_since_ns = 0
+        self._off: list[tuple[UwbRange, float]] = []
         self._heard_ns: dict[int, int] = {}
 
     def take(self, reading: UwbRange, filter: ErrorStateFilter) -> Verdict:
@@ -54,21 +56,41 @@ class Ranging:
         return verdict
 
     def _doubt(self, reading: UwbRange, verdict: Verdict, filter: ErrorStateFilter) -> None:
-        """Where nothing fits for a while, it is the filter that is wrong, not the anchors: count that in ``doubts``.
+        """Where nothing fits for a while, it may be the filter that is wrong, not the anchors: then ``doubts`` counts.
 
-        At least three of them must say so, and one must be too short, which no blocked way can do.
+        At least three of them must say so, one must be too short, which no blocked way can do, and their ranges must
+        make one place. The filter is put there by its position (paper 000 Eq. 5, 6).
         """
         if not verdict.refused:
             self._off.clear()
         elif verdict.refused in ("long", "short"):
-            if not self._off:
-                self._off_since_ns = reading.stamp_ns
-            self._off[reading.anchor] = verdict.innovation
-        lasted = reading.stamp_ns - self._off_since_ns > self.settings.memory_s * 1e9
-        if lasted and len(self._off) >= _VOICES and min(self._off.values()) < 0.0:
-            filter.doubt_odom(max(abs(off) for off in self._off.values()))
-            self._off.clear()
+            self._off.append((reading, verdict.innovation))
+        if not self._off or reading.stamp_ns - self._off[0][0].stamp_ns < self.settings.memory_s * 1e9:
+            return
+        fix = self._found_elsewhere(filter)
+        self._off.clear()
+        if fix is not None:
+            filter.doubt_odom(float(np.linalg.norm(fix.p_map - tag_in_map(filter.state))))
+            filter.update(TagPosition(fix.p_map, fix.covariance), iterations=_ITERATIONS)
             self.doubts += 1
+
+    def _found_elsewhere(self, filter: ErrorStateFilter) -> TagFix | None:
+        """Where the refused readings put the tag, if they agree with one another."""
+        state, readings = filter.state, [reading for reading, _ in self._off]
+        if len({reading.anchor for reading in readings}) < _VOICES or min(off for _, off in self._off) > 0.0:
+            return None
+        ranges = Ranges(
+            np.array([self.anchors[reading.anchor] for reading in readings]),
+            np.array([state.true_distance(reading.anchor, reading.distance) for reading in readings]),
+            np.full(len(readings), self.block.range_std),
+            np.array([(filter.stamp_ns - reading.stamp_ns) * 1e-9 for reading in readings]),
+        )
+        reach = max(abs(off) for _, off in self._off)
+        fix = find_tag(ranges, prior=TagFix(tag_in_map(state), reach**2 * np.eye(3), np.zeros(0)))
+        if fix is None or fix.mirror is not None:
+            return None
+        fits = np.abs(fix.residuals) < self.settings.max_innovation * self.block.range_std
+        return fix if fits.mean() > _AGREEING else None
 
     def _hear(self, reading: UwbRange, filter: ErrorStateFilter) -> None:
         """Give the anchor a bias; the one not heard for longest loses its own where there would be too many."""

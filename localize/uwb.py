@@ -35,7 +35,7 @@ class TagRange:
 
     def residual(self, state: NavState) -> Array:
         """Residual (1,) [m]."""
-        bias = state.range_biases[state.anchors.index(self.anchor)] if self.anchor in state.anchors else 0.0
+        bias = state.bias_of(self.anchor)
         return np.array([self.distance - state.range_scale * self._computed(state) - bias])
 
     def _computed(self, state: NavState) -> float:

@@ -128,6 +128,10 @@ class TestCheck:
         _, said = self.run([10.0, 10.02, 9.97, 6.6, 10.01, 10.0])
         assert said == ["", "", "", "jump", "", ""]
 
+    def test_a_burst_of_odd_readings_costs_no_good_one(self):
+        _, said = self.run([10.0] * 5 + [6.6, 6.7, 6.6] + [10.0] * 5)
+        assert said == [""] * 5 + ["jump"] * 3 + [""] * 5
+
     def test_even_where_the_filter_does_not_know(self):
         _, said = self.run([10.0, 10.02, 9.97, 6.6, 10.01], predicted_std=3.0)
         assert said == ["", "", "", "jump", ""]

@@ -60,6 +60,7 @@ class Track:
     p_map: list[Array] = field(default_factory=list)
     refused: list[dict[str, Any]] = field(default_factory=list)
     heard: dict[int, list[int]] = field(default_factory=dict)
+    late: int = 0
 
     def note(self, reading: UwbRange, verdict: Verdict | None) -> None:
         if verdict is None or not verdict.refused:
@@ -261,8 +262,12 @@ def by_odometry(mow: Mow, *, ranges: bool = True) -> tuple[Track, ErrorStateFilt
     for stamp, distance, turn in mow.steps:
         begin_ns, whole = filter.stamp_ns, stamp - filter.stamp_ns
         while reading is not None and reading.stamp_ns <= stamp:
-            _step(filter, max(reading.stamp_ns, filter.stamp_ns), distance, turn, whole)
-            track.note(reading, ranging.take(reading, filter))
+            # two stretches of the file go back by seconds: late readings are left out, as `Odometry` does
+            if reading.stamp_ns >= filter.stamp_ns:
+                _step(filter, reading.stamp_ns, distance, turn, whole)
+                track.note(reading, ranging.take(reading, filter))
+            else:
+                track.late += 1
             reading = next(readings, None)
         if stamp > begin_ns:
             _step(filter, stamp, distance, turn, whole)
@@ -323,7 +328,7 @@ def mow_result(path: Path, figures: Path | None) -> dict[str, Any]:
         "rmse_m": float(np.sqrt(np.mean(errors[later] ** 2))), "max_m": float(errors[later].max()),
         "odometry_rmse_m": float(np.sqrt(np.mean(drifted[later] ** 2))),
         "range_scale": filter.state.range_scale, "range_biases_m": {str(k): v for k, v in sorted(biases)},
-        "refused": track.counts(), "refused_readings": track.refused,
+        "late": track.late, "refused": track.counts(), "refused_readings": track.refused,
     }  # fmt: skip
 
 
