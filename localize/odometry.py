@@ -82,6 +82,7 @@ class Odometry:
         self._imu: list[ImuSample] = []
         self._imu_stamps: list[int] = []
         self._wheel: list[WheelSpeed] = []
+        self._speeds: list[float] = []
         self._scans: list[Scan] = []
         self._last_wheel_ns = -(1 << 62)
         self._T_odom_keyframe: Array | None = None
@@ -195,13 +196,17 @@ class Odometry:
         while self._wheel and self._wheel[0].stamp_ns <= end_ns:
             self._take_ranges(self._wheel[0].stamp_ns, tracks)
             reading = self._wheel.pop(0)
+            self._speeds.append(reading.speed)
             if reading.stamp_ns - self._last_wheel_ns < self.settings.wheel_interval_s * 1e9:
                 continue
+            reading, count = WheelSpeed(reading.stamp_ns, float(np.mean(self._speeds))), len(self._speeds)
+            self._speeds.clear()
             if reading.stamp_ns > self.filter.stamp_ns:
                 tracks.append(self._predict(reading.stamp_ns))
                 self._last_wheel_ns = reading.stamp_ns
                 if self.wheel is not None:
-                    self.wheel.take(reading, tracks[-1].rate[-1] + self.filter.state.gyro_bias, self.filter)
+                    gyro = tracks[-1].rate[-1] + self.filter.state.gyro_bias
+                    self.wheel.take(reading, gyro, self.filter, averaged=count)
         self._take_ranges(end_ns, tracks)
         if end_ns > self.filter.stamp_ns or not tracks:
             tracks.append(self._predict(end_ns))

@@ -49,7 +49,7 @@ class OdometrySettings(Settings):
     """How many matched points share one error of the local map."""
     min_matches: PositiveInt = 30
     wheel_interval_s: PositiveFloat = 0.1
-    """Wheel readings closer than this are skipped: their errors repeat."""
+    """Wheel readings over this long are averaged into one."""
     wheel_scale_std: NonNegativeFloat = 0.01
     """How far off the wheel's scale may be, relative; it is estimated. 0 takes the wheel at its word."""
     sideways_std: PositiveFloat = 0.1
