@@ -21,6 +21,7 @@ from localize.state import (
     MAP,
     ODOM,
     POSITION,
+    RANGE_SCALE,
     ROTATION,
     TAG,
     VELOCITY,
@@ -29,6 +30,8 @@ from localize.state import (
 )
 from semmap.geometry import Array, se3, skew
 from semmap.rig import ImuBlock
+
+_SURE_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,6 +256,20 @@ class ErrorStateFilter:
         """Odom may have lain elsewhere in the map, off by so much [m]."""
         place = np.arange(ODOM.start + 3, ODOM.stop)
         self.P[place, place] += std**2
+
+    def true_distance(self, anchor: int, distance: float) -> float:
+        """A UWB distance [m] without the anchor's bias and the radios' scale, as far as they are known for sure.
+
+        A correction below two of its deviations is none: it would carry the filter's own error into the distance.
+        """
+        s = self.state
+        if anchor not in s.anchors:
+            return distance
+        true = (distance - s.bias_of(anchor)) / s.range_scale
+        index = np.r_[RANGE_SCALE, BIASES_FROM + s.anchors.index(anchor)]
+        h = np.array([true, 1.0])
+        std = np.sqrt(h @ self.P[np.ix_(index, index)] @ h)
+        return float(true) if abs(distance - true) > _SURE_SIGMAS * std else distance
 
     def hear(self, anchor: int, std: float) -> None:
         """An anchor's range bias becomes a state [m]; odom must be located before."""

@@ -251,10 +251,11 @@ class Localizer:
             self._event(sighting.stamp_ns, "range_refused", anchor=sighting.anchor, off_m=float(off), why="blocked")
             return
         if sighting.anchor is None:
-            variance = sighting.std**2 + self.settings.graph.drift_position**2
+            variance = sighting.std**2 * sighting.alike + self.settings.graph.drift_position**2
             self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3))
         else:
-            self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, distance, sighting.std)
+            noise = sighting.std * np.sqrt(sighting.alike)
+            self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, distance, noise)
         self._watch.fitted("prism" if sighting.anchor is None else "uwb", sighting.anchor, sighting.stamp_ns)
         self._counts["pins"] += 1
         self._pins_dirty = True
@@ -264,7 +265,7 @@ class Localizer:
         engine = self._odometry.odometry
         if sighting.anchor is None or engine is None:
             return sighting.distance
-        return engine.filter.state.true_distance(sighting.anchor, sighting.distance)
+        return engine.filter.true_distance(sighting.anchor, sighting.distance)
 
     def _note_mode(self, pose: OdometryPose) -> None:
         engine = self._odometry.odometry

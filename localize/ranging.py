@@ -81,7 +81,7 @@ class Ranging:
             return None
         ranges = Ranges(
             np.array([self.anchors[reading.anchor] for reading in readings]),
-            np.array([state.true_distance(reading.anchor, reading.distance) for reading in readings]),
+            np.array([filter.true_distance(reading.anchor, reading.distance) for reading in readings]),
             np.full(len(readings), self.block.range_std),
             np.array([(filter.stamp_ns - reading.stamp_ns) * 1e-9 for reading in readings]),
         )

@@ -147,7 +147,7 @@ class SightingSettings(Settings):
     """UWB ranges and prism fixes."""
 
     interval_s: PositiveFloat = 0.5
-    """Readings of one anchor, or of the prism, closer than this are skipped [s]."""
+    """Readings of one anchor, or of the prism, closer than this share one error [s]."""
     window: PositiveInt = 400
     """Sightings that the first alignment looks at, at the most."""
     align_yaw_std: PositiveFloat = 0.03
@@ -184,11 +184,11 @@ class RangeSettings(Settings):
 class GraphSettings(Settings):
     """The pose graph."""
 
-    link_correlation: PositiveFloat = 25.0
+    link_correlation: PositiveFloat = 4.0
     """Keyframes in a row whose odometry errs the same way: multiplies the variance of relative positions."""
-    drift_position: PositiveFloat = 0.002
+    drift_position: PositiveFloat = 0.0005
     """Least error of a relative pose [m]."""
-    drift_rotation: PositiveFloat = 0.0003
+    drift_rotation: PositiveFloat = 0.00005
     """The same of its attitude [rad]."""
     pin_position: PositiveFloat = 0.01
     """Least standard deviation of a pin [m]: what map and sensor can do."""

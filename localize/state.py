@@ -75,10 +75,6 @@ class NavState:
         """What an anchor reads too long [m]; zero where it has no bias."""
         return float(self.range_biases[self.anchors.index(anchor)]) if anchor in self.anchors else 0.0
 
-    def true_distance(self, anchor: int, distance: float) -> float:
-        """A UWB distance as read [m] without the anchor's bias and the radios' scale."""
-        return (distance - self.bias_of(anchor)) / self.range_scale
-
     @property
     def T_odom_imu(self) -> Array:
         """Pose (4, 4) of the imu."""
