@@ -192,26 +192,27 @@ class Odometry:
     def _propagate(self, end_ns: int) -> InertialTrack:
         tracks: list[InertialTrack] = []
         while self._wheel and self._wheel[0].stamp_ns <= end_ns:
-            reading, count = self._mean_wheel_speed(end_ns)
+            reading = self._mean_wheel_speed(end_ns)
             self._take_ranges(reading.stamp_ns, tracks)
             if reading.stamp_ns > self.filter.stamp_ns:
                 tracks.append(self._predict(reading.stamp_ns))
                 if self.wheel is not None:
                     gyro = tracks[-1].rate[-1] + self.filter.state.gyro_bias
-                    self.wheel.take(reading, gyro, self.filter, averaged=count)
+                    self.wheel.take(reading, gyro, self.filter)
         self._take_ranges(end_ns, tracks)
         if end_ns > self.filter.stamp_ns or not tracks:
             tracks.append(self._predict(end_ns))
         return joined(tracks)
 
-    def _mean_wheel_speed(self, end_ns: int) -> tuple[WheelSpeed, int]:
-        """The readings of the next moment up to ``end_ns`` as one, at their mean time, and how many they were."""
+    def _mean_wheel_speed(self, end_ns: int) -> WheelSpeed:
+        """The readings of the next moment up to ``end_ns`` as one at their mean time, no surer than each: a wheel that
+        slides a little does so in all of them."""
         until_ns = min(end_ns, self._wheel[0].stamp_ns + round(self.settings.wheel_interval_s * 1e9) - 1)
         count = bisect.bisect_right(self._wheel, until_ns, key=lambda reading: reading.stamp_ns)
         readings, self._wheel = self._wheel[:count], self._wheel[count:]
         first_ns = readings[0].stamp_ns
         later_ns = round(np.mean([reading.stamp_ns - first_ns for reading in readings]))
-        return WheelSpeed(first_ns + later_ns, float(np.mean([reading.speed for reading in readings]))), count
+        return WheelSpeed(first_ns + later_ns, float(np.mean([reading.speed for reading in readings])))
 
     def _take_ranges(self, until_ns: int, tracks: list[InertialTrack]) -> None:
         """Ranges up to a time, each at its own, into the filter; ``tracks`` go on, and move along with the pose."""

@@ -99,9 +99,9 @@ class WheelFusion:
         """From here on things would be taken back."""
         self._cusum, self._moved_v, self._sum = Cusum(), np.zeros(3), 0.0
 
-    def take(self, reading: WheelSpeed, gyro: Array, filter: ErrorStateFilter, *, averaged: int = 1) -> None:
-        """Fuse a reading, the mean of ``averaged``; the filter is at its time, ``gyro`` (3,) the rate then [rad/s]."""
-        model = WheelVelocity(reading.speed, gyro, self._std / [np.sqrt(averaged), 1.0, 1.0])
+    def take(self, reading: WheelSpeed, gyro: Array, filter: ErrorStateFilter) -> None:
+        """Fuse one reading; the filter is at its time, ``gyro`` (3,) is the rate measured then [rad/s]."""
+        model = WheelVelocity(reading.speed, gyro, self._std)
         if self._heard:
             self._watch(model, reading.stamp_ns, filter)
         if self.slipping:
