@@ -45,9 +45,9 @@ class Localizer:
     IMU             propagation             -
     LiDAR scan      point to local map      - (its effect comes as relative poses)
     wheel speed     velocity at the wheel   - (likewise)
-    UWB range       every other range       the ranges in between; all of them until
-                    of an anchor, once the  then (they align odom with the map)
-                    map is known
+    UWB range       one of an anchor in     the others, those of a moment as one; one in
+                    half a second, once     half a second until then (they align odom
+                    the map is known        with the map)
     prism fix       -                       position with lever arm
     intersection    -                       pose from ICP to the database's cloud
     ==============  ======================  ==========================================
