@@ -65,6 +65,13 @@ def information(residual: Array, H: Array, covariance: Array, columns: NDArray[n
     return Information(weighted @ H, -weighted @ residual, columns, squared, len(residual))
 
 
+def _solved(info: Information, P: Array, rhs: Array) -> Array:
+    """``(I + P A)⁻¹ rhs`` for A that has only ``info.columns``: a system as small as these."""
+    columns = info.columns
+    small = np.eye(len(columns)) + P[np.ix_(columns, columns)] @ info.A
+    return np.asarray(rhs - P[:, columns] @ (info.A @ np.linalg.solve(small, rhs[columns])))
+
+
 def _hanging_on(info: Information, P: Array) -> Array:
     """Columns (dim, m), whose squares add up to the part of P that hangs on errors which a sensor is blind for."""
     if info.blind is None:
@@ -164,7 +171,7 @@ class ErrorStateFilter:
         exactly have zero rows in it and stay as they are. Errors which the sensor is blind for are considered, but
         stay as they are (Schmidt's filter): with what hangs on them they are set aside meanwhile.
         """
-        predicted, info = self.state, None
+        predicted, info, offset = self.state, None, np.zeros(len(self.P))
         for _ in range(iterations):
             latest = model.linearize(self.state)
             if latest is None:
@@ -172,17 +179,14 @@ class ErrorStateFilter:
             info = latest
             aside = _hanging_on(info, self.P)
             P = self.P - aside @ aside.T
-            PA = np.zeros_like(P)
-            PA[:, info.columns] = P[:, info.columns] @ info.A
-            M = np.eye(len(P)) + PA
-            pull = P[:, info.columns] @ info.b - self.state.boxminus(predicted)
-            delta = np.asarray(np.linalg.solve(M, pull), dtype=np.float64)
+            delta = _solved(info, P, P[:, info.columns] @ info.b - offset)
             self.state = self.state.boxplus(delta)
             if np.abs(delta[:6]).max() < tolerance:
                 break
+            offset = self.state.boxminus(predicted)
         if info is not None:
-            rest = np.asarray(np.linalg.solve(M, np.column_stack([P, aside])), dtype=np.float64)
-            P, aside = rest[:, : len(P)], rest[:, len(P) :]
+            aside = _solved(info, P, aside)
+            P = _solved(info, P, P)
             self.P = 0.5 * (P + P.T) + aside @ aside.T
         return info
 
