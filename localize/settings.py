@@ -40,7 +40,7 @@ class OdometrySettings(Settings):
     the curvature of its rings (LOAM)."""
     scan_points: PositiveInt = 8000
     """A scan of more points is thinned evenly to so many; keyframes keep all."""
-    scan_voxel: PositiveFloat = 0.5
+    scan_voxel: PositiveFloat = 0.4
     """Scan points are averaged over voxels of this edge [m] before matching."""
     iterations: PositiveInt = 4
     gate: PositiveFloat = 4.0
