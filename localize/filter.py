@@ -38,15 +38,12 @@ _SURE_SIGMAS = 2.0
 class Information:
     """What a sensor says at one state: ``A = Σ HᵀN⁻¹H`` and ``b = -Σ HᵀN⁻¹r``, over the error columns ``columns``.
 
-    squared : Σ rᵀN⁻¹r; count : residuals summed.
     blind : (m, k) combinations of the columns of which the sensor says nothing, whatever A has there.
     """
 
     A: Array
     b: Array
     columns: NDArray[np.int64]
-    squared: float
-    count: int
     blind: Array | None = None
 
 
@@ -61,8 +58,7 @@ class MeasurementModel(Protocol):
 def information(residual: Array, H: Array, covariance: Array, columns: NDArray[np.int64]) -> Information:
     """Information of a residual (m,) with Jacobian (m, k) over ``columns`` (k,) and noise covariance (m, m)."""
     weighted = np.linalg.solve(covariance, H).T
-    squared = float(residual @ np.linalg.solve(covariance, residual))
-    return Information(weighted @ H, -weighted @ residual, columns, squared, len(residual))
+    return Information(weighted @ H, -weighted @ residual, columns)
 
 
 def _solved(info: Information, P: Array, rhs: Array) -> Array:

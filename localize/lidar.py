@@ -63,9 +63,8 @@ class ScanToMap:
         J = _columns_of(state)
         A, b, _, self.blind = _beyond_noise(matches)
         self.pose_information = A / self.correlation
-        squared = sum(float(np.nansum((match.residuals / match.sigmas) ** 2)) for match in matches)
         return Information(
-            J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS, squared, self.matched,
+            J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS,
             (J @ self.blind).T if self.blind.size else None,
         )  # fmt: skip
 

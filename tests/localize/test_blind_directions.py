@@ -122,7 +122,7 @@ class _Linear:
 
     def linearize(self, state):
         H = self.H
-        return Information(100.0 * H.T @ H, 100.0 * H.T @ (self.z - H @ state.p), np.r_[POSITION], 0.0, 2, self.blind)
+        return Information(100.0 * H.T @ H, 100.0 * H.T @ (self.z - H @ state.p), np.r_[POSITION], self.blind)
 
 
 def test_along_a_blind_direction_the_map_is_where_the_pose_is(state, rng):
