@@ -8,9 +8,10 @@ import gtsam
 import numpy as np
 
 from localize.settings import GraphSettings
-from semmap.geometry import Array
+from semmap.geometry import Array, adjoint, inverse
 
 _VAGUE_RAD, _VAGUE_M = 0.5, 30.0
+_ANY_TURN_RAD = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +25,9 @@ class _RelativePose:
 class PoseGraph:
     """Keyframe poses ``T_map_imu`` given relative poses and pins; empty of pins it has no map frame and no estimate.
 
-    All factors are gtsam's own: between factors (paper 004 Eq. 11), pose priors for verified intersections, position
-    priors with a lever arm (Eq. 22) for the prism, ranges from a body-fixed point to an anchor for UWB.
+    All factors are gtsam's own: between factors (paper 004 Eq. 11), intersections as variables with their survey as
+    prior, seen from keyframes as poses or as points (Eq. 21, 22), positions with a lever arm for the prism, ranges from
+    a body-fixed point to an anchor for UWB.
     """
 
     def __init__(self, settings: GraphSettings) -> None:
@@ -38,7 +40,7 @@ class PoseGraph:
         self._new = gtsam.NonlinearFactorGraph()
         self._values = gtsam.Values()
         self._anchors: set[int] = set()
-        self._estimate = gtsam.Values()
+        self._intersections: set[int] = set()
 
     @property
     def anchored(self) -> bool:
@@ -72,6 +74,7 @@ class PoseGraph:
         self._isam = gtsam.ISAM2(parameters)
         self._new, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._anchors.clear()
+        self._intersections.clear()
         self.pins = 0
         self._values.insert(_X(0), gtsam.Pose3(T_map_odom @ self._T_odom[0]))
         self._insert_vertical(0)
@@ -80,6 +83,11 @@ class PoseGraph:
         self._new.add(gtsam.PriorFactorPose3(_X(0), gtsam.Pose3(T_map_odom @ self._T_odom[0]), vague))
         for index in range(1, len(self._T_odom)):
             self._insert_link(index, T_map_odom @ self._T_odom[index])
+
+    def unanchor(self) -> None:
+        """Take back every pin and the map frame."""
+        self._isam = None
+        self.pins = 0
 
     def _insert_link(self, index: int, T_map_imu: Array) -> None:
         link = self._links[index - 1]
@@ -94,11 +102,38 @@ class PoseGraph:
         up_imu, up_map = gtsam.Unit3(self._up_imu[index]), gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
         self._new.add(gtsam.AttitudeFactorPose3(_X(index), up_map, noise, up_imu))
 
-    def pin_pose(self, index: int, T_map_imu: Array, covariance: Array) -> None:
-        """A verified intersection gives keyframe ``index`` its pose in the map (6, 6 covariance, rotation first)."""
+    def pin_intersection(
+        self, index: int, intersection: int, T_map_intersection: Array, T_map_imu: Array, covariance: Array
+    ) -> None:
+        """Keyframe ``index`` saw an intersection of the map, which says that it is at ``T_map_imu`` (6, 6 covariance).
+
+        The surveyed ``T_map_intersection`` (4, 4, axes of the map) is the prior of a variable: it errs once, however
+        often it is seen. ICP tells the whole pose, and the keyframe is tied to the intersection by it; in the paper's
+        mode only by where the intersection is in the keyframe (paper 004 Eq. 21, 22).
+        """
+        T_imu_intersection = inverse(T_map_imu) @ T_map_intersection
+        # the error of the factor is that of the keyframe, seen from the intersection
+        back = adjoint(inverse(T_imu_intersection))
+        covariance = back @ covariance @ back.T
+        if self.settings.intersections == "points":
+            covariance[:3], covariance[:, :3] = 0.0, 0.0
+            covariance[:3, :3] = _ANY_TURN_RAD**2 * np.eye(3)
+        key = self._insert_intersection(intersection, T_map_intersection)
         noise = self._robust(gtsam.noiseModel.Gaussian.Covariance(covariance))
-        self._new.add(gtsam.PriorFactorPose3(_X(index), gtsam.Pose3(T_map_imu), noise))
+        self._new.add(gtsam.BetweenFactorPose3(_X(index), key, gtsam.Pose3(T_imu_intersection), noise))
         self.pins += 1
+
+    def _insert_intersection(self, intersection: int, T_map_intersection: Array) -> int:
+        """The key of an intersection's variable; the first time it is made, with its survey as a prior."""
+        key: int = gtsam.symbol("i", intersection)
+        if intersection not in self._intersections:
+            self._intersections.add(intersection)
+            s = self.settings
+            surveyed = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([s.survey_rotation, s.survey_position], 3))
+            T = gtsam.Pose3(T_map_intersection)
+            self._new.add(gtsam.PriorFactorPose3(key, T, surveyed))
+            self._values.insert(key, T)
+        return key
 
     def pin_position(self, index: int, p_imu: Array, p_map: Array, covariance: Array) -> None:
         """Point ``p_imu`` of keyframe ``index`` is at ``p_map`` (paper 004 Eq. 22 with the point as lever arm)."""
@@ -131,13 +166,13 @@ class PoseGraph:
         self._new, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for _ in range(steps - 1):
             self._isam.update()
-        self._estimate = self._isam.calculateEstimate()
 
     def pose(self, index: int) -> Array:
         """``T_map_imu`` (4, 4) of keyframe ``index``."""
+        assert self._isam is not None
         key = _X(index)
-        values = self._values if self._values.exists(key) else self._estimate
-        T: Array = values.atPose3(key).matrix()
+        pose = self._values.atPose3(key) if self._values.exists(key) else self._isam.calculateEstimatePose3(key)
+        T: Array = pose.matrix()
         return T
 
     def covariance(self, index: int) -> Array:
@@ -148,7 +183,22 @@ class PoseGraph:
 
     def poses(self) -> Array:
         """All keyframes' ``T_map_imu`` (n, 4, 4)."""
-        return np.array([self.pose(index) for index in range(len(self))])
+        assert self._isam is not None
+        if self._new.size():
+            self.solve()
+        estimate = self._isam.calculateEstimate()
+        return np.array([estimate.atPose3(_X(index)).matrix() for index in range(len(self))])
+
+    def link(self, index: int) -> tuple[Array, Array]:
+        """The relative pose (4, 4) of keyframe ``index`` to the one before, and its covariance (6, 6)."""
+        link = self._links[index - 1]
+        return link.T_a_b, link.covariance
+
+    def split(self, index: int) -> PoseGraph:
+        """A graph of its own of the keyframes from ``index`` on, without a place in the map."""
+        rest = PoseGraph(self.settings)
+        rest._T_odom, rest._up_imu, rest._links = self._T_odom[index:], self._up_imu[index:], self._links[index:]
+        return rest
 
 
 def _X(index: int) -> int:

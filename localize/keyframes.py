@@ -71,6 +71,10 @@ class Keyframes:
         self._last.append(keyframe)
         return keyframe
 
+    def forget(self) -> None:
+        """The odometry begins anew: those before are in another frame."""
+        self._last.clear()
+
     def stack(self) -> Stack:
         """The last keyframes in the gravity-aligned frame of the newest (paper 004 Eq. 20)."""
         return stacked(self._last)

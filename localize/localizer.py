@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from localize.graph import PoseGraph
+from localize.hypotheses import carried
 from localize.keyframes import Keyframe, Keyframes
-from localize.matcher import IntersectionMatcher, Recognition
+from localize.legs import Leg, joined, trajectory
+from localize.matcher import Expected, IntersectionMatcher, Place
 from localize.odometry import OdometryPose
 from localize.ranging import Ranging
+from localize.recognition import Recognition, Verdict
 from localize.results import Event, LocalizationResult, State, Update
 from localize.settings import LocalizeSettings
 from localize.sightings import Sighting, Sightings
-from localize.smoothing import smoothed
 from localize.start import StartingOdometry
 from localize.watch import ModeWatch
-from semmap.geometry import Array, adjoint, inverse, rotation_between, se3, transform
+from semmap.geometry import Array, inverse, rotation_between, se3, transform, yaw_of, yaw_rotation
 from semmap.intersections import SemanticMap
-from semmap.measurements import Measurement, PrismFix, UwbRange
+from semmap.measurements import ImuSample, Measurement, PrismFix, UwbRange
 from semmap.rig import Rig
-from semmap.trajectory import Trajectory
 
 _UP = np.array([0.0, 0.0, 1.0])
+_MANY_POINTS = 100
+"""A scan of fewer points does not tell whether it meets the local map."""
 _ROUND_M = 1000.0
 """Map coordinates are worked with relative to a multiple of this."""
 
@@ -58,18 +62,22 @@ class Localizer:
     ) -> None:
         self.rig, self.settings = rig, settings or LocalizeSettings()
         self._shift = _round_origin(rig, semantic_map)
-        self._odometry = StartingOdometry(rig, self.settings.odometry, self.settings.keyframes)
         self._keyframes = Keyframes(self.settings.keyframes)
-        self._graph = PoseGraph(self.settings.graph)
-        self._sightings = Sightings(rig, self.settings.sightings, self._shift)
+        self._legs: list[Leg] = []
+        self._at: Expected | None = None
+        """The newest keyframe in the map."""
+        self._strayed = False
+        self._met = (0, 0)
+        self._begin_leg()
+        self._recognition = Recognition(self.settings.proof)
         self._matcher = IntersectionMatcher(semantic_map, self.settings, self._shift) if semantic_map else None
         self._referenced = semantic_map is not None or rig.uwb is not None or rig.total_station is not None
         self._newest: Keyframe | None = None
-        self._covariance = np.eye(6)
+        self._T_odom_leg = np.eye(4)
+        self._imu_ns: int | None = None
         self._state: State = "unknown"
         self._odometry_track: list[tuple[int, Array]] = []
         self._realtime_track: list[tuple[int, Array]] = []
-        self._keyframe_track: list[tuple[int, Array]] = []
         self._events: list[Event] = []
         self._counts: dict[str, int] = {
             "scans": 0,
@@ -87,31 +95,86 @@ class Localizer:
         """Take one measurement in, in order of arrival; returns an update when a scan was completed by it."""
         if isinstance(measurement, UwbRange | PrismFix) and not self._sightings.add(measurement):
             return None
+        if isinstance(measurement, ImuSample):
+            self._note_silence(measurement.stamp_ns)
         update = None
         for pose in self._odometry.add(measurement):
+            if self._breaks_off(pose):
+                self._begin_again(pose.stamp_ns, "the scans do not meet the local map")
+                break
             update = self._reached(pose)
         return update
+
+    def _note_silence(self, stamp_ns: int) -> None:
+        """Begin again after a silence of the IMU that nothing bridges."""
+        gap_ns = stamp_ns - self._imu_ns if self._imu_ns is not None else 0
+        self._imu_ns = max(stamp_ns, self._imu_ns or stamp_ns)
+        if gap_ns > self.settings.breaks.gap_s * 1e9:
+            self._begin_again(stamp_ns, f"nothing from the IMU for {gap_ns * 1e-9:.1f} s")
+
+    def _breaks_off(self, pose: OdometryPose) -> bool:
+        """Whether the scans have left the local map: one may be dust, two in a row are another place."""
+        before, self._met = self._met, (pose.matched, pose.considered)
+        least, both = self.settings.breaks.least_match, np.add(before, self._met)
+        self._strayed = pose.considered >= _MANY_POINTS and pose.matched < least * pose.considered
+        known = len(self._leg.odometry) > 1 and min(before[1], pose.considered) >= _MANY_POINTS
+        return bool(known and both[0] < least * both[1])
+
+    def _begin_again(self, stamp_ns: int, why: str) -> None:
+        """The odometry has broken off: a new leg, wherever the robot is."""
+        for pose in self._odometry.finish():
+            self._reached(pose)
+        if self._leg.odometry:
+            self._leg.odometry.pop()  # a scan of both places, or the last before a silence
+        self._event(stamp_ns, "odometry_broken", why=why)
+        self._recognition.forget()
+        if self._matcher is not None:
+            self._matcher.forget()
+        self._begin_leg()
+        if self._state != "unknown":
+            self._set_state("lost", stamp_ns, why)
 
     def finish(self) -> LocalizationResult:
         """End the run: smooth the whole track and hand everything over."""
         for pose in self._odometry.finish():
             self._reached(pose)
-        odometry = _trajectory("odom", self._odometry_track)
+        odometry = trajectory("odom", self._odometry_track)
         frame = "map" if self._referenced else "odom"
-        trajectory = odometry
-        if self._graph.anchored:
-            keyframe_poses = _shifted(self._graph.poses(), self._shift)
-            trajectory = smoothed(odometry, np.array([s for s, _ in self._keyframe_track], np.int64), keyframe_poses)
-        elif self._referenced:
-            trajectory = _trajectory("map", [])
-        realtime = _trajectory(frame, self._realtime_track)
+        final = joined([leg.smoothed() for leg in self._legs], "map") if self._referenced else odometry
+        if self._referenced:
+            final = replace(final, poses=_shifted(final.poses, self._shift))
         return LocalizationResult(
-            trajectory, realtime, odometry, tuple(self._events), self._summary(), tuple(self._watch.uncertainty)
-        )
+            final, trajectory(frame, self._realtime_track), odometry, tuple(self._events), self._summary(),
+            tuple(self._watch.uncertainty),
+        )  # fmt: skip
+
+    @property
+    def _leg(self) -> Leg:
+        """The present one."""
+        return self._legs[-1]
+
+    @property
+    def _graph(self) -> PoseGraph:
+        return self._leg.graph
+
+    @property
+    def _keyframe_track(self) -> list[tuple[int, Array]]:
+        return self._leg.keyframes
+
+    def _begin_leg(self) -> None:
+        """The odometry begins anew, wherever the robot is."""
+        self._odometry = StartingOdometry(self.rig, self.settings.odometry, self.settings.keyframes)
+        self._sightings = Sightings(self.rig, self.settings.sightings, self._shift)
+        self._keyframes.forget()
+        self._at, self._strayed, self._met = None, False, (0, 0)
+        self._legs.append(Leg(PoseGraph(self.settings.graph), self._keyframes.count))
 
     def _reached(self, pose: OdometryPose) -> Update:
         """The steps of paper 004 section 3 for one scan."""
-        self._odometry_track.append((pose.stamp_ns, pose.T_odom_imu))
+        if not self._leg.odometry and self._odometry_track:
+            self._T_odom_leg = _goes_on(self._odometry_track[-1][1], pose.T_odom_imu)
+        self._leg.odometry.append((pose.stamp_ns, pose.T_odom_imu))
+        self._odometry_track.append((pose.stamp_ns, self._T_odom_leg @ pose.T_odom_imu))
         self._counts["scans"] += 1
         if pose.keyframe:
             self._newest = self._add_keyframe(pose)
@@ -133,7 +196,8 @@ class Localizer:
         )
         self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
         self._counts["keyframes"] += 1
-        if self._graph.anchored:
+        if self._at is not None:
+            self._at = carried(self._at, *self._graph.link(len(self._graph) - 1))
             self._pins_dirty = True
         return keyframe
 
@@ -152,27 +216,51 @@ class Localizer:
     def _recognise_intersection(self, keyframe: Keyframe) -> None:
         if self._matcher is None:
             return
-        guess = self._T_map_odom() if self._graph.anchored else None
-        std = float(np.sqrt(np.trace(self._covariance[3:, 3:]))) if guess is not None else np.inf
-        recognition = self._matcher.recognise(self._keyframes.stack(), keyframe, guess, std)
-        self._events.extend(recognition.events)
-        self._counts["intersections_seen"] += recognition.seen
-        if recognition.contradicts and self._state == "tracking":
-            self._set_state("suspect", keyframe.stamp_ns, "an intersection fits elsewhere")
-        if recognition.pins:
-            self._pin_intersection(recognition)
+        if len(self._graph) > 1:
+            self._recognition.hypotheses.carry(*self._graph.link(len(self._graph) - 1))
+        others = self._recognition.hypotheses.expected if self._at is None else [self._at]
+        sights = self._matcher.recognise(self._keyframes.stack(), keyframe, self._at, others)
+        self._counts["intersections_seen"] += len(sights)
+        for sight in sights:
+            verdict = self._recognition.judge(sight, self._at)
+            self._events.append(verdict.event)
+            self._follow(verdict, keyframe)
 
-    def _pin_intersection(self, recognition: Recognition) -> None:
+    def _follow(self, verdict: Verdict, keyframe: Keyframe) -> None:
+        """Do what a verdict says."""
+        if verdict.elsewhere:
+            self._leave_track(verdict.pins, keyframe.stamp_ns)
+        if verdict.pins:
+            self._pin_intersections(verdict.pins)
+            self._set_state("tracking", keyframe.stamp_ns, "intersection proven")
+        elif verdict.doubt and self._state == "tracking":
+            self._set_state("suspect", keyframe.stamp_ns, verdict.doubt)
+
+    def _leave_track(self, pins: tuple[Place, ...], stamp_ns: int) -> None:
+        """The robot is proven to be elsewhere: the track ended somewhere, or was wrong if one intersection made it."""
+        self._set_state("lost", stamp_ns, "the robot is proven to be elsewhere")
+        before = self._leg
+        self._legs.append(before.split(pins[0].keyframe))
+        self._at = None
+        if len(before.pinned) < 2:
+            self._counts["pins"] -= before.graph.pins
+            self._recognised -= before.pinned
+            before.graph.unanchor()
+
+    def _pin_intersections(self, pins: tuple[Place, ...]) -> None:
+        leg, last = self._leg, pins[-1]
         if not self._graph.anchored:
-            last = recognition.pins[-1]
-            stamp_ns, T_odom_imu = self._keyframe_track[last.keyframe]
-            self._anchor(last.T_map_imu @ inverse(T_odom_imu), stamp_ns, "intersection")
-        for pin in recognition.pins:
-            self._graph.pin_pose(pin.keyframe, pin.T_map_imu, pin.covariance)
+            _, T_odom_imu = leg.keyframes[last.keyframe - leg.first_keyframe]
+            self._anchor(last.T_map_imu @ inverse(T_odom_imu), self._keyframe_track[-1][0], "intersection")
+        for pin in pins:
+            index = pin.keyframe - leg.first_keyframe
+            self._graph.pin_intersection(index, pin.intersection, pin.T_map_intersection, pin.T_map_imu, pin.covariance)
+            leg.last_pin_ns = max(leg.last_pin_ns, leg.keyframes[index][0])
+            leg.pinned.add(pin.intersection)
             self._recognised.add(pin.intersection)
             self._counts["pins"] += 1
-        self._pins_dirty = True
-        self._set_state("tracking", self._keyframe_track[-1][0], "intersection proven")
+        self._solve()
+        self._share_ranges()
 
     def _take_sightings(self, pose: OdometryPose) -> None:
         sightings = self._sightings.reached(pose.stamp_ns, pose.T_odom_imu)
@@ -199,12 +287,11 @@ class Localizer:
         counted in the graph; the filter needs it to begin with, and soon knows better by itself.
         """
         uwb, engine = self.rig.uwb, self._odometry.odometry
-        if uwb is None or engine is None or self._sightings.shared:
+        if uwb is None or engine is None or self._at is None or self._sightings.shared:
             return
-        R = self._graph.pose(len(self._graph) - 1)[:3, :3]
-        turned = np.kron(np.eye(2), R)
+        turned = np.kron(np.eye(2), self._at.T_map_imu[:3, :3])
         ranging = Ranging(uwb, self._sightings.anchors, self.settings.ranges)
-        engine.locate(self._T_map_odom(), 4.0 * turned @ self._covariance @ turned.T, ranging)
+        engine.locate(self._T_map_odom(), 4.0 * turned @ self._at.covariance @ turned.T, ranging)
         self._sightings.shared = True
 
     def _note_ranges(self) -> None:
@@ -242,7 +329,7 @@ class Localizer:
         distance = self._true_distance(sighting)
         off = abs(np.linalg.norm(error) - distance)
         s = self.settings.sightings
-        std = float(np.hypot(sighting.std, np.sqrt(np.trace(self._covariance[3:, 3:]))))
+        std = float(np.hypot(sighting.std, self._at.position_std if self._at is not None else 0.0))
         if gate and off > max(s.min_gate, s.max_innovation * std):
             kind = "prism" if sighting.anchor is None else "range"
             self._event(sighting.stamp_ns, f"{kind}_refused", anchor=sighting.anchor, off_m=float(off))
@@ -276,7 +363,7 @@ class Localizer:
         """How far from the middle of the anchors' sphere over its radius (Eq. 18); None where place or sphere are not
         known."""
         uwb = self.rig.uwb
-        if uwb is None or uwb.center is None or uwb.max_range is None or not self._graph.anchored:
+        if uwb is None or uwb.center is None or uwb.max_range is None or self._at is None:
             return None
         p_map = transform(self._T_map_odom(), pose.state.p[None])[0] + self._shift
         return float(np.linalg.norm(p_map - uwb.center) / uwb.max_range)
@@ -287,27 +374,26 @@ class Localizer:
 
     def _solve(self) -> None:
         self._graph.solve()
-        self._covariance = self._graph.covariance(len(self._graph) - 1)
+        last = len(self._graph) - 1
+        self._at = Expected(self._graph.pose(last), self._graph.covariance(last))
         self._pins_dirty = False
 
     def _T_map_odom(self) -> Array:
-        index = len(self._graph) - 1
-        return self._graph.pose(index) @ inverse(self._keyframe_track[index][1])
+        assert self._at is not None
+        return self._at.T_map_imu @ inverse(self._keyframe_track[-1][1])
 
     def _publish(self, pose: OdometryPose) -> Update:
         """What is known now; nothing in the map while that is unknown or in doubt."""
+        T_odom_imu = self._odometry_track[-1][1]
+        state: State = "suspect" if self._strayed and self._state == "tracking" else self._state
         T_map_imu = covariance = None
         if not self._referenced:
-            self._realtime_track.append((pose.stamp_ns, pose.T_odom_imu))
-        elif self._graph.anchored and self._state == "tracking" and self._newest is not None:
-            since = np.eye(4) if pose.keyframe else pose.T_keyframe_imu
-            T_map_imu = _shifted((self._graph.pose(len(self._graph) - 1) @ since)[None], self._shift)[0]
-            carried = adjoint(inverse(since))
-            covariance = carried @ self._covariance @ carried.T
-            if not pose.keyframe:
-                covariance = covariance + self._link_covariance(pose)
+            self._realtime_track.append((pose.stamp_ns, T_odom_imu))
+        elif self._at is not None and state == "tracking":
+            now = self._at if pose.keyframe else carried(self._at, pose.T_keyframe_imu, self._link_covariance(pose))
+            T_map_imu, covariance = _shifted(now.T_map_imu[None], self._shift)[0], now.covariance
             self._realtime_track.append((pose.stamp_ns, T_map_imu))
-        return Update(pose.stamp_ns, pose.T_odom_imu, T_map_imu, covariance, self._state)
+        return Update(pose.stamp_ns, T_odom_imu, T_map_imu, covariance, state)
 
     def _set_state(self, state: State, stamp_ns: int, why: str) -> None:
         if state != self._state:
@@ -346,12 +432,14 @@ def _round_origin(rig: Rig, semantic_map: SemanticMap | None) -> Array:
     return rounded
 
 
+def _goes_on(T_odom_last: Array, T_begin: Array) -> Array:
+    """Place (4, 4) in odom of a new odometry, whose first pose (4, 4) shall go on where the old one ended."""
+    R = yaw_rotation(yaw_of(T_odom_last[:3, :3]) - yaw_of(T_begin[:3, :3]))
+    T: Array = se3(R, T_odom_last[:3, 3] - R @ T_begin[:3, 3])
+    return T
+
+
 def _shifted(poses: Array, shift: Array) -> Array:
     moved = poses.copy()
     moved[:, :3, 3] += shift
     return moved
-
-
-def _trajectory(frame: str, track: list[tuple[int, Array]]) -> Trajectory:
-    stamps = np.array([stamp for stamp, _ in track], np.int64)
-    return Trajectory(frame, stamps, np.array([pose for _, pose in track]).reshape(-1, 4, 4))

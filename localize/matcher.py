@@ -1,53 +1,82 @@
-"""From stacked keyframes to a proven intersection: the nine steps of paper 004 section 3.2."""
+"""From stacked keyframes to places where the robot may be: steps 1 to 9 of paper 004 section 3.2."""
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from descriptors.index import ContourIndex, Match
 from localize.keyframes import Keyframe, Stack
 from localize.results import Event
 from localize.settings import LocalizeSettings
-from localize.verification import Verification, Verifier
+from localize.verification import Verification, Verifier, start_of
 from maps.observe import ObservedIntersection, observe_intersections
 from maps.settings import MapSettings
 from maps.views import View
 from semmap.errors import DatabaseError
-from semmap.geometry import Array, adjoint, inverse, rotation_angle, se3, transform, yaw_of
+from semmap.geometry import Array, adjoint, inverse, se3, transform, yaw_of
 from semmap.intersections import SemanticMap
 from semmap.settings import validate
 
 _SAME_PLACE_M = 4.0
 """Observations closer than this in odom are of one intersection."""
-_APART_M = 2.0
-"""Keyframes at least this far apart count as independent views."""
-_MAX_TURN_RAD = 0.15
-"""Places found from different keyframes must agree on the heading this well."""
+_MAX_SIGHTS = 50
+"""Intersections seen last that are remembered."""
+_NEARLY = 0.15
+"""Candidates less like by more than this after a first look are not looked at twice."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pin:
-    """A proven pose ``T_map_imu`` of a keyframe (numbers relative to the map's origin), covariance rotation first."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Expected:
+    """Where the robot may be as known before: ``T_map_imu`` (4, 4) of the keyframe, numbers relative to the map's
+    origin, covariance (6, 6) rotation first, perturbed on the right."""
+
+    T_map_imu: Array
+    covariance: Array
+
+    @property
+    def position_std(self) -> float:
+        """In all directions together [m]."""
+        return float(np.sqrt(np.trace(self.covariance[3:, 3:])))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """Where a keyframe is if what it saw is a certain intersection: that intersection's answer to the ICP check.
+
+    T_map_imu, covariance : as in `Expected`. T_map_intersection : (4, 4) of the intersection, axes of the map.
+    fit, likeness, icp_distance : see `Verification`. fits : whether it passes the ICP check (step 9).
+    """
 
     keyframe: int
     intersection: int
     T_map_imu: Array
-    T_map_odom: Array
     covariance: Array
+    T_map_intersection: Array
     fit: float
+    likeness: float
+    icp_distance: float
+    fits: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Recognition:
-    """What one keyframe said: intersections seen, pins proven, whether a proof contradicts the track, events."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """What a keyframe said of one intersection that it saw.
 
-    seen: int
-    pins: tuple[Pin, ...]
-    contradicts: bool
-    events: tuple[Event, ...]
+    number : of the intersection among those seen, the same whenever it is seen again from nearby.
+    places : most like first; empty where nothing is similar, None before it was seen often enough in a row (step 8).
+    event : its scores, for ``events.jsonl``; reason : how far it got.
+    """
+
+    number: int
+    keyframe: int
+    p_odom_imu: Array
+    places: tuple[Place, ...] | None
+    event: Event
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,14 +93,29 @@ class _Look:
         p_odom: Array = transform(self.stack.T_odom_local, self.observation.p[None])[0]
         return p_odom
 
+    @property
+    def T_imu_local(self) -> Array:
+        """(4, 4) from the stack's frame to the keyframe's."""
+        T: Array = inverse(self.keyframe.T_odom_imu) @ self.stack.T_odom_local
+        return T
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """An intersection to be checked by ICP, from a start (4, 4) in the frame of its cloud."""
+
+    row: int
+    start: Array
+    completeness: float
+
 
 @dataclass(slots=True)
-class _Sight:
-    """An intersection seen from several keyframes: how often in a row the same one was matched (N_same)."""
+class _Seen:
+    """An intersection seen from several keyframes, and how often in a row each of the map's was a match (N_same)."""
 
+    number: int
     p_odom: Array
-    matched: int = -1
-    same: int = 0
+    same: dict[int, int] = field(default_factory=dict)
 
 
 class IntersectionMatcher:
@@ -91,35 +135,29 @@ class IntersectionMatcher:
         self._map_settings = validate(MapSettings, dict(semantic_map.settings), file=None, error=DatabaseError)
         self._index = ContourIndex(semantic_map.contours, self._map_settings.contour)
         self._verifier = Verifier(settings.verification)
-        self._sights: list[_Sight] = []
-        self._unconfirmed: deque[tuple[Array, Pin]] = deque(maxlen=20)
-        self._contradictions: list[Pin] = []
+        self._seen: list[_Seen] = []
+        self._count = 0
 
-    def recognise(self, stack: Stack, keyframe: Keyframe, T_map_odom: Array | None, position_std: float) -> Recognition:
-        """The nine steps for one keyframe; ``T_map_odom`` and its standard deviation [m] where the map is known."""
+    def forget(self) -> None:
+        """What was seen is no longer where it was: odom begins anew."""
+        self._seen = []
+
+    def recognise(
+        self, stack: Stack, keyframe: Keyframe, track: Expected | None, others: Sequence[Expected] = ()
+    ) -> list[Sight]:
+        """Steps 1 to 9 for one keyframe.
+
+        track : where it is, if that is known: only what fits there is looked for, and all the map if nothing does.
+        others : where it may be: what would be seen there is checked along with what looks similar.
+        """
         views = [View(cloud, sensor) for cloud, sensor in zip(stack.clouds, stack.sensors, strict=True)]
         observed = observe_intersections(views, self._map_settings)  # steps 1 and 2
-        pins: list[Pin] = []
-        events: list[Event] = []
-        contradicts = False
-        looks = self._best_readings([_Look(one, stack, keyframe) for one in observed], T_map_odom, position_std)
-        for look, matches in looks:
-            event: Event = {"stamp_ns": keyframe.stamp_ns, "kind": "intersection", "keyframe": keyframe.index}
-            pin, reason = self._decide(look, matches, event)  # steps 7 to 9
-            if pin is not None:
-                accepted, contradiction, reason = self._accept(pin, keyframe, T_map_odom, position_std)
-                contradicts |= contradiction
-                pins.extend(accepted)
-                event["accepted"] = bool(accepted)
-            event.setdefault("accepted", False)
-            events.append({**event, "reason": reason})
-        return Recognition(len(looks), tuple(pins), contradicts, tuple(events))
+        looks = [_Look(one, stack, keyframe) for one in observed]
+        return [self._sight(look, matches, track, others) for look, matches in self._best_readings(looks, track)]
 
-    def _best_readings(
-        self, looks: list[_Look], T_map_odom: Array | None, position_std: float
-    ) -> list[tuple[_Look, list[Match]]]:
+    def _best_readings(self, looks: list[_Look], track: Expected | None) -> list[tuple[_Look, list[Match]]]:
         """Each place once, with its candidates (steps 3 to 6): of readings that share parts the one most alike."""
-        read = [(look, self._candidates(look, T_map_odom, position_std)) for look in looks]
+        read = [(look, self._similar(look, track)) for look in looks]
         read.sort(key=lambda pair: max((match.pwcv for match in pair[1]), default=0.0), reverse=True)
         taken: set[int] = set()
         best = []
@@ -129,121 +167,124 @@ class IntersectionMatcher:
                 best.append((look, matches))
         return best
 
-    def _candidates(self, look: _Look, T_map_odom: Array | None, position_std: float) -> list[Match]:
+    def _similar(self, look: _Look, track: Expected | None) -> list[Match]:
         """Intersections that look alike, best CWC first (steps 3 to 6); near the expected place where that is known."""
         m = self.settings.matcher
-        allowed = np.ones(len(self._intersections), bool)
-        heading = None
-        if T_map_odom is not None:
-            T_map_local = T_map_odom @ look.stack.T_odom_local
-            expected = transform(T_map_local, look.observation.p[None])[0]
-            allowed = np.linalg.norm(self._p_map - expected, axis=1) < m.search_radius + 3.0 * position_std
+        allowed, heading = None, None
+        if track is not None:
+            T_map_local = track.T_map_imu @ look.T_imu_local
+            allowed = self._distances(look, track) < m.search_radius + 3.0 * track.position_std
             heading = yaw_of(T_map_local[:3, :3])
         contour = look.observation.contour
         matches = self._index.turned(contour, m.min_pwcv, at_most=m.candidates, allowed=allowed, yaw=heading)
-        return sorted(matches, key=lambda match: match.cwc, reverse=True)
+        alike = [match for match in matches if match.cwc >= m.min_cwc]
+        return sorted(alike, key=lambda match: match.cwc, reverse=True)
 
-    def _decide(self, look: _Look, matches: list[Match], event: Event) -> tuple[Pin | None, str]:
-        """Count agreement in a row (steps 7, 8) and check the match by ICP against the runner-up (step 9)."""
-        event["p_odom"] = look.p_odom.round(3).tolist()
-        event["candidates"] = [
-            {"id": self._id(match), "pwcv": round(match.pwcv, 4), "cwc": round(match.cwc, 4)} for match in matches
-        ]
-        if not matches:
-            return None, "no intersection of the map is similar enough"
-        best = matches[0]
-        event["id"] = self._id(best)
-        if best.cwc < self.settings.matcher.min_cwc:
-            return None, "CWC similarity too small"
-        sight = self._sight(look.p_odom)
-        sight.same = sight.same + 1 if sight.matched == self._id(best) else 1
-        sight.matched = self._id(best)
-        event["consecutive"] = sight.same
-        if sight.same < self.settings.matcher.consecutive:
-            return None, "not yet seen often enough in a row"
-        sight.same = 0
-        return self._verify(look, matches, event)
+    def _distances(self, look: _Look, expected: Expected) -> Array:
+        """Of all intersections from where the one seen is expected in the map (n,) [m]."""
+        p_map = transform(expected.T_map_imu @ look.T_imu_local, look.observation.p[None])[0]
+        distances: Array = np.linalg.norm(self._p_map - p_map, axis=1)
+        return distances
 
-    def _sight(self, p_odom: Array) -> _Sight:
-        for sight in self._sights:
-            if np.linalg.norm(sight.p_odom - p_odom) < _SAME_PLACE_M:
-                sight.p_odom = p_odom
-                return sight
-        self._sights = [*self._sights[-20:], _Sight(p_odom)]
-        return self._sights[-1]
+    def _sight(self, look: _Look, matches: list[Match], track: Expected | None, others: Sequence[Expected]) -> Sight:
+        """Count agreement in a row (steps 7, 8), then check all candidates by ICP (step 9)."""
+        keyframe, seen = look.keyframe, self._seen_before(look.p_odom)
+        event: Event = {
+            "stamp_ns": keyframe.stamp_ns, "kind": "intersection", "keyframe": keyframe.index, "sight": seen.number,
+            "p_odom": look.p_odom.round(3).tolist(),
+            "candidates": [{"id": self._id(m.row), "pwcv": round(m.pwcv, 4), "cwc": round(m.cwc, 4)} for m in matches],
+        }  # fmt: skip
+        ids = {self._id(match.row) for match in matches}
+        seen.same = {id: seen.same.get(id, 0) + 1 for id in sorted(ids) or [-1]}
+        event["consecutive"] = max(seen.same.values())
+        places: list[Place] | None = None
+        reason = "not yet seen often enough in a row"
+        if event["consecutive"] >= self.settings.matcher.consecutive:
+            seen.same = {}
+            places = self._checked(look, self._candidates(look, matches, others))
+            if track is not None and not any(place.fits for place in places):
+                places += self._checked(look, self._candidates(look, self._similar(look, None), ()))
+            places.sort(key=lambda place: place.likeness, reverse=True)
+            reason = _reason(places)
+            event.update(_scores(places))
+        p_odom = keyframe.T_odom_imu[:3, 3]
+        return Sight(seen.number, keyframe.index, p_odom, None if places is None else tuple(places), event, reason)
 
-    def _verify(self, look: _Look, matches: list[Match], event: Event) -> tuple[Pin | None, str]:
-        v = self.settings.verification
-        points, p = look.stack.points, look.observation.p
-        checked = []
-        for match in matches:
-            intersection = self._intersections[match.row]
-            checked.append(
-                (match, self._verifier.verify(points, p, intersection, match.yaw, completeness=match.completeness))
-            )
-        checked.sort(key=lambda pair: pair[1].fit, reverse=True)
-        best, verification = checked[0]
-        rival = max((c.fit for _, c in checked[1:] if _elsewhere(c, verification)), default=0.0)
-        event.update(
-            id=self._id(best), fit=round(verification.fit, 4), icp_distance_m=round(verification.icp_distance, 4),
-            runner_up_fit=round(rival, 4), completeness=round(best.completeness, 3),
-        )  # fmt: skip
-        if verification.points < v.min_points:
-            return None, "too few points to compare"
-        if verification.fit < v.min_fit:
-            return None, "too few points fit the map"
-        if verification.icp_distance > v.max_icp_distance:
-            return None, "ICP distance too large"
-        if verification.fit - rival < v.min_lead:
-            return None, "another place fits nearly as well"
-        return self._pin(look, best, verification), "fits"
+    def _seen_before(self, p_odom: Array) -> _Seen:
+        for seen in reversed(self._seen):
+            if np.linalg.norm(seen.p_odom - p_odom) < _SAME_PLACE_M:
+                seen.p_odom = p_odom
+                return seen
+        self._seen = [*self._seen[-_MAX_SIGHTS:], _Seen(self._count, p_odom)]
+        self._count += 1
+        return self._seen[-1]
 
-    def _pin(self, look: _Look, best: Match, verification: Verification) -> Pin:
-        stack, keyframe = look.stack, look.keyframe
-        T_map_local = se3(verification.T_map_local[:3, :3], verification.T_map_local[:3, 3] - self._origin)
-        T_map_odom = T_map_local @ inverse(stack.T_odom_local)
-        T_imu_local = inverse(keyframe.T_odom_imu) @ stack.T_odom_local
-        carried = adjoint(T_imu_local)
+    def _candidates(self, look: _Look, matches: list[Match], others: Sequence[Expected]) -> list[_Candidate]:
+        """What looks similar, and what would be seen from where the robot may be."""
+        p_local = look.observation.p
+        found = [_Candidate(match.row, start_of(p_local, match.yaw), match.completeness) for match in matches]
+        for expected in others:
+            distances = self._distances(look, expected)
+            row = int(np.argmin(distances))
+            if distances[row] < _SAME_PLACE_M:
+                T = expected.T_map_imu @ look.T_imu_local
+                found.append(_Candidate(row, se3(T[:3, :3], T[:3, 3] - self._p_map[row]), 1.0))
+        return found
+
+    def _checked(self, look: _Look, candidates: list[_Candidate]) -> list[Place]:
+        """Step 9: what ICP says of each, all of them at a first look and the most alike thoroughly."""
+        points = self._verifier.around(look.stack.points, look.observation.p)
+        looked = []
+        for candidate in candidates:
+            T, likeness = self._verifier.first_look(points, self._intersections[candidate.row], candidate.start)
+            looked.append((likeness, candidate, T))
+        best = max((likeness for likeness, _, _ in looked), default=0.0)
+        places: list[Place] = []
+        for likeness, candidate, T in sorted(looked, key=lambda one: -one[0]):
+            if likeness < best - _NEARLY or any(_same(place, candidate, self._ids, T, look) for place in places):
+                continue
+            intersection = self._intersections[candidate.row]
+            verification = self._verifier.verify(points, intersection, T, completeness=candidate.completeness)
+            places.append(self._place(look, candidate.row, verification))
+        return places
+
+    def _place(self, look: _Look, row: int, verification: Verification) -> Place:
+        s, v = self.settings.verification, verification
+        T_map_local = se3(v.T_map_local[:3, :3], v.T_map_local[:3, 3] - self._origin)
+        carried = adjoint(look.T_imu_local)
         g = self.settings.graph
         floor = np.diag(np.repeat([g.pin_rotation, g.pin_position], 3) ** 2)
-        covariance = carried @ verification.covariance @ carried.T + floor
-        T_map_imu = T_map_odom @ keyframe.T_odom_imu
-        return Pin(keyframe.index, self._id(best), T_map_imu, T_map_odom, covariance, verification.fit)
+        fits = v.points >= s.min_points and v.fit >= s.min_fit and v.icp_distance <= s.max_icp_distance
+        return Place(
+            look.keyframe.index, self._id(row), T_map_local @ inverse(look.T_imu_local),
+            carried @ v.covariance @ carried.T + floor, se3(np.eye(3), self._p_map[row]), v.fit, v.likeness,
+            v.icp_distance, fits,
+        )  # fmt: skip
 
-    def _id(self, match: Match) -> int:
-        return int(self._ids[match.row])
-
-    def _accept(
-        self, pin: Pin, keyframe: Keyframe, T_map_odom: Array | None, position_std: float
-    ) -> tuple[list[Pin], bool, str]:
-        """Beyond the paper: the first pin needs a second view that agrees; later ones must fit the track."""
-        p_odom = keyframe.T_odom_imu[:3, 3]
-        if T_map_odom is not None:
-            if self._agree(pin.T_map_odom, T_map_odom, p_odom, 4.0 * position_std):
-                self._contradictions.clear()
-                return [pin], False, "fits, and agrees with the track"
-            self._contradictions.append(pin)
-            return [], len(self._contradictions) > 1, "fits, but contradicts the track"
-        for p_other, other in self._unconfirmed:
-            apart = np.linalg.norm(p_other - p_odom) > _APART_M
-            if apart and self._distinct(pin, other) and self._agree(pin.T_map_odom, other.T_map_odom, p_odom, 0.0):
-                self._unconfirmed.clear()
-                return [other, pin], False, "fits, and a second view agrees"
-        self._unconfirmed.append((p_odom, pin))
-        return [], False, "fits; waiting for a second view to agree"
-
-    def _distinct(self, pin: Pin, other: Pin) -> bool:
-        """Whether two views prove a place: one look-alike fits twice, so a middling fit takes two."""
-        sure = min(pin.fit, other.fit) >= self.settings.verification.sure_fit
-        return sure or pin.intersection != other.intersection
-
-    def _agree(self, T_a: Array, T_b: Array, p_odom: Array, slack: float) -> bool:
-        here = np.linalg.norm(transform(T_a, p_odom[None]) - transform(T_b, p_odom[None]))
-        turn = rotation_angle(T_a[:3, :3].T @ T_b[:3, :3])
-        return bool(here < self.settings.verification.agreement + slack and turn < _MAX_TURN_RAD)
+    def _id(self, row: int) -> int:
+        return int(self._ids[row])
 
 
-def _elsewhere(a: Verification, b: Verification) -> bool:
-    """Whether two registrations put the robot at different places."""
-    apart = np.linalg.norm(a.T_map_local[:3, 3] - b.T_map_local[:3, 3])
-    return bool(apart > 1.0 or rotation_angle(a.T_map_local[:3, :3].T @ b.T_map_local[:3, :3]) > _MAX_TURN_RAD)
+def _same(place: Place, candidate: _Candidate, ids: NDArray[np.int64], T: Array, look: _Look) -> bool:
+    """Whether a first look led to a place that was found already: a symmetric crossing comes several times."""
+    T_cloud_imu = T @ inverse(look.T_imu_local)
+    apart = np.linalg.norm(place.T_map_imu[:3, 3] - place.T_map_intersection[:3, 3] - T_cloud_imu[:3, 3])
+    return bool(place.intersection == ids[candidate.row] and apart < 1.0)
+
+
+def _reason(places: list[Place]) -> str:
+    if not places:
+        return "no intersection of the map is similar enough"
+    return "" if any(place.fits for place in places) else "too few points fit the map"
+
+
+def _scores(places: list[Place]) -> Event:
+    """The best place's scores, and the likeness of the next."""
+    if not places:
+        return {}
+    best = places[0]
+    return {
+        "id": best.intersection, "fit": round(best.fit, 4), "likeness": round(best.likeness, 4),
+        "icp_distance_m": round(best.icp_distance, 4),
+        "runner_up_likeness": round(places[1].likeness, 4) if len(places) > 1 else 0.0,
+    }  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from semmap.geometry import Array
 from semmap.trajectory import Trajectory
 
-State = Literal["unknown", "tracking", "suspect"]
+State = Literal["unknown", "tracking", "suspect", "lost"]
 Event = dict[str, Any]
 """Plain data for one line of `events.jsonl`: at least ``stamp_ns`` and ``kind``."""
 
@@ -20,7 +20,8 @@ class Update:
     stamp_ns : end of the scan. T_odom_imu : (4, 4) of the filter.
     T_map_imu : (4, 4), or None while the place in the map is not known or in doubt.
     covariance : (6, 6) of ``T_map_imu`` (rotation first, perturbed on the right), None with it.
-    state : ``unknown`` before the first proof, ``tracking``, or ``suspect`` when proofs contradict one another.
+    state : ``unknown`` before the first proof, ``tracking``, ``suspect`` while what is seen contradicts
+    the track, ``lost`` once the track is refuted or broken off and the place is not found again.
     """
 
     stamp_ns: int

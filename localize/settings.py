@@ -96,24 +96,37 @@ class VerificationSettings(Settings):
 
     radius: PositiveFloat = 12.0
     """Points around the intersection that are compared [m]."""
-    voxel: PositiveFloat = 0.25
+    voxel: PositiveFloat = 0.4
     """Points are averaged over voxels of this edge before they are compared [m]."""
-    min_points: PositiveInt = 300
+    min_points: PositiveInt = 150
     """Fewer points prove nothing."""
     max_distance: PositiveFloat = 0.3
     """A point further than this from the map does not fit [m]."""
     min_fit: float = Field(0.85, ge=0.0, le=1.0)
     """Least part of the points that fits."""
-    sure_fit: float = Field(0.985, ge=0.0, le=1.0)
-    """Below this the first proof takes two intersections: the true one may be missing, and this one only be like it."""
-    min_lead: float = Field(0.08, ge=0.0, le=1.0)
-    """Least lead of the fit over the best other place."""
     max_icp_distance: PositiveFloat = 0.15
     """ε_icp: greatest root mean square distance of the points that fit [m]."""
     point_std: PositiveFloat = 0.05
-    """Sensor and map noise of one pair of points [m]."""
-    agreement: PositiveFloat = 1.0
-    """Places found from different keyframes must be this close in odom [m]."""
+    """Sensor and map noise of one pair of points [m]; likeness is measured by it."""
+
+
+class ProofSettings(Settings):
+    """When matched intersections prove where the robot is: what paper 004 leaves to ICP alone."""
+
+    no_likeness: float = Field(0.6, ge=0.0, le=1.0)
+    """A place as like what is seen as this speaks neither for nor against being there; less speaks against it."""
+    sure_likeness: float = Field(0.85, ge=0.0, le=1.0)
+    """A place as like as this proves it alone; of those less like it takes several, each counting by its likeness."""
+    lead: float = Field(0.3, ge=0.0)
+    """By how much the evidence must lead that for any other place; 1 is a proof."""
+    apart: PositiveFloat = 2.0
+    """Keyframes at least this far apart count as independent views, and a proof takes two [m]."""
+    position_std: PositiveFloat = 0.2
+    """What two proofs of one place may differ by, beyond their covariance and the odometry's between them [m]."""
+    rotation_std: PositiveFloat = 0.03
+    """The same of their attitude [rad]."""
+    max_position_std: PositiveFloat = 1.0
+    """With its place known less well than this, one fitting intersection is no proof, though it agrees [m]."""
 
 
 class DegeneracySettings(Settings):
@@ -181,6 +194,15 @@ class RangeSettings(Settings):
     """How fast what an anchor reads too long wanders [m/√s]."""
 
 
+class BreakSettings(Settings):
+    """When the odometry has broken off: the robot was carried away, or the recording has a hole."""
+
+    least_match: float = Field(0.35, ge=0.0, le=1.0)
+    """Least share of the points of two scans in a row that meet the local map; with less the robot is elsewhere."""
+    gap_s: PositiveFloat = 1.0
+    """Nothing bridges a longer silence of the IMU [s]."""
+
+
 class GraphSettings(Settings):
     """The pose graph."""
 
@@ -190,10 +212,16 @@ class GraphSettings(Settings):
     """Least error of a relative pose [m]."""
     drift_rotation: PositiveFloat = 0.00005
     """The same of its attitude [rad]."""
-    pin_position: PositiveFloat = 0.01
-    """Least standard deviation of a pin [m]: what map and sensor can do."""
-    pin_rotation: PositiveFloat = 0.0015
-    """Least standard deviation of a pin [rad]."""
+    intersections: Literal["poses", "points"] = "poses"
+    """What an intersection ties a keyframe by: the pose that ICP finds, or its position (paper 004 Eq. 22)."""
+    pin_position: PositiveFloat = 0.005
+    """Least standard deviation of a pin by itself [m]: what scan and odometry can do."""
+    pin_rotation: PositiveFloat = 0.001
+    """Least standard deviation of a pin by itself [rad]."""
+    survey_position: PositiveFloat = 0.01
+    """Survey of the intersections in the map [m]."""
+    survey_rotation: PositiveFloat = 0.001
+    """The same of how each is turned [rad]."""
     vertical_std: PositiveFloat = 0.03
     """The filter's vertical at one keyframe [rad]; keyframes share its error, so one alone counts little."""
     anchor_std: PositiveFloat = 0.01
@@ -208,8 +236,10 @@ class LocalizeSettings(Settings):
     keyframes: KeyframeSettings = Field(default_factory=KeyframeSettings)
     matcher: MatcherSettings = Field(default_factory=MatcherSettings)
     verification: VerificationSettings = Field(default_factory=VerificationSettings)
+    proof: ProofSettings = Field(default_factory=ProofSettings)
     sightings: SightingSettings = Field(default_factory=SightingSettings)
     degeneracy: DegeneracySettings = Field(default_factory=DegeneracySettings)
     modes: ModeSettings = Field(default_factory=ModeSettings)
     ranges: RangeSettings = Field(default_factory=RangeSettings)
+    breaks: BreakSettings = Field(default_factory=BreakSettings)
     graph: GraphSettings = Field(default_factory=GraphSettings)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from localize.settings import VerificationSettings
-from localize.verification import Verifier
+from localize.verification import Verifier, start_of
 from semmap.geometry import inverse, se3, se3_exp, se3_log, transform, yaw_rotation
 from semmap.intersections import Intersection, WallContour
 
@@ -41,6 +41,13 @@ def intersection(cloud):
 T_BEARINGS = np.radians([0.0, 95.0, 185.0])
 
 
+def check(verifier, seen, p_local, target, yaw, **more):
+    """Both looks, as the matcher takes them."""
+    points = verifier.around(np.asarray(seen, np.float32), p_local)
+    T, _ = verifier.first_look(points, target, start_of(p_local, yaw))
+    return verifier.verify(points, target, T, **more)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_finds_the_pose_from_a_poor_start(seed):
     rng = np.random.default_rng(seed)
@@ -48,9 +55,8 @@ def test_finds_the_pose_from_a_poor_start(seed):
     T_map_local = se3(yaw_rotation(yaw), P_MAP + [3.0, -2.0, 1.3])
     seen = transform(inverse(T_map_local), crossing(np.random.default_rng(seed + 50), T_BEARINGS) + P_MAP)
     p_local = transform(inverse(T_map_local), P_MAP[None])[0] + [0.4, -0.3, 0.1]
-    verification = Verifier(VerificationSettings()).verify(
-        seen.astype(np.float32), p_local, intersection(crossing(rng, T_BEARINGS)), yaw + 0.08
-    )
+    target = intersection(crossing(rng, T_BEARINGS))
+    verification = check(Verifier(VerificationSettings()), seen, p_local, target, yaw + 0.08)
     error = se3_log(inverse(T_map_local) @ verification.T_map_local)
     assert verification.fit > 0.97 and verification.icp_distance < 0.08
     assert np.abs(error[:3]).max() < 0.003 and np.abs(error[3:]).max() < 0.03
@@ -62,7 +68,7 @@ def test_another_intersection_does_not_fit():
     seen = crossing(rng, np.radians([0.0, 60.0, 120.0, 240.0])).astype(np.float32)
     target = intersection(crossing(rng, T_BEARINGS))
     verifier = Verifier(VerificationSettings())
-    fits = [verifier.verify(seen, np.zeros(3), target, yaw).fit for yaw in np.arange(0.0, 2 * np.pi, 0.5)]
+    fits = [check(verifier, seen, np.zeros(3), target, yaw).fit for yaw in np.arange(0.0, 2 * np.pi, 0.5)]
     assert max(fits) < VerificationSettings().min_fit
 
 
@@ -74,9 +80,8 @@ def test_a_straight_roadway_leaves_the_way_along_it_open():
     for name, bearings in (("straight", straight), ("crossing", T_BEARINGS)):
         cloud = crossing(rng, bearings + turn)
         seen = crossing(rng, bearings + turn).astype(np.float32)
-        covariance[name] = (
-            Verifier(VerificationSettings()).verify(seen, np.zeros(3), intersection(cloud), 0.0).covariance
-        )
+        verification = check(Verifier(VerificationSettings()), seen, np.zeros(3), intersection(cloud), 0.0)
+        covariance[name] = verification.covariance
     along = np.array([np.cos(turn), np.sin(turn), 0.0])
     values, vectors = np.linalg.eigh(covariance["straight"][3:, 3:])
     assert abs(vectors[:, 2] @ along) > 0.98
@@ -88,14 +93,14 @@ def test_a_partial_view_is_less_certain():
     rng = np.random.default_rng(0)
     cloud = crossing(rng, T_BEARINGS)
     verifier, seen = Verifier(VerificationSettings()), crossing(rng, T_BEARINGS).astype(np.float32)
-    whole = verifier.verify(seen, np.zeros(3), intersection(cloud), 0.0, completeness=1.0)
-    part = verifier.verify(seen, np.zeros(3), intersection(cloud), 0.0, completeness=0.5)
+    whole = check(verifier, seen, np.zeros(3), intersection(cloud), 0.0, completeness=1.0)
+    part = check(verifier, seen, np.zeros(3), intersection(cloud), 0.0, completeness=0.5)
     np.testing.assert_allclose(part.covariance, 2.0 * whole.covariance, rtol=0.05)
 
 
 def test_nothing_to_compare_fits_nothing():
     target = intersection(crossing(np.random.default_rng(0), T_BEARINGS))
-    verification = Verifier(VerificationSettings()).verify(np.zeros((0, 3), np.float32), np.zeros(3), target, 0.0)
+    verification = check(Verifier(VerificationSettings()), np.zeros((0, 3)), np.zeros(3), target, 0.0)
     assert verification.fit == 0.0 and verification.points == 0 and np.isinf(verification.icp_distance)
 
 
@@ -106,6 +111,21 @@ def test_perturbation_of_the_covariance_is_on_the_right():
     seen = crossing(rng, np.radians([0.0, 180.0]))
     yaw = 0.7
     turned = transform(inverse(se3_exp([0, 0, yaw, 0, 0, 0])), seen).astype(np.float32)
-    covariance = Verifier(VerificationSettings()).verify(turned, np.zeros(3), intersection(cloud), yaw).covariance
+    covariance = check(Verifier(VerificationSettings()), turned, np.zeros(3), intersection(cloud), yaw).covariance
     _, vectors = np.linalg.eigh(covariance[3:, 3:])
     assert abs(vectors[:, 2] @ [np.cos(yaw), -np.sin(yaw), 0.0]) > 0.98
+
+
+def test_rock_that_is_only_alike_fits_but_is_less_like():
+    """Two crossings of one plan, rough by 6 cm each in its own way: ICP passes both, likeness tells them apart."""
+    rng = np.random.default_rng(0)
+    verifier, plan = Verifier(VerificationSettings()), crossing(rng, T_BEARINGS, length=12.0)
+
+    def rough(points, seed):
+        phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, size=(3, 3))
+        return points + 0.1 * np.sin(1.5 * points @ np.ones((3, 3)) + 2.0 * points + phase[0])
+
+    seen = rough(plan, 1) + 0.01 * rng.normal(size=plan.shape)
+    same, other = (check(verifier, seen, np.zeros(3), intersection(rough(plan, seed)), 0.0) for seed in (1, 2))
+    assert same.fit > 0.95 and other.fit > 0.8
+    assert same.likeness > other.likeness + 0.2
