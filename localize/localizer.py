@@ -116,9 +116,10 @@ class Localizer:
         """Whether the scans have left the local map: one may be dust, two in a row are another place."""
         before, self._met = self._met, (pose.matched, pose.considered)
         least, both = self.settings.breaks.least_match, np.add(before, self._met)
-        self._strayed = pose.considered >= _MANY_POINTS and pose.matched < least * pose.considered
-        known = len(self._leg.odometry) > 1 and min(before[1], pose.considered) >= _MANY_POINTS
-        return bool(known and both[0] < least * both[1])
+        # before it has moved some metres there is hardly a map to meet
+        tells = len(self._leg.keyframes) >= 3 and min(before[1], pose.considered) >= _MANY_POINTS
+        self._strayed = tells and pose.matched < least * pose.considered
+        return bool(tells and both[0] < least * both[1])
 
     def _begin_again(self, stamp_ns: int, why: str) -> None:
         """The odometry has broken off: a new leg, wherever the robot is."""
@@ -223,8 +224,14 @@ class Localizer:
         self._counts["intersections_seen"] += len(sights)
         for sight in sights:
             verdict = self._recognition.judge(sight, self._at)
-            self._events.append(verdict.event)
+            self._events.append({**verdict.event, "pins": [self._told(pin) for pin in verdict.pins]})
             self._follow(verdict, keyframe)
+
+    def _told(self, pin: Place) -> Event:
+        """A pin for the events."""
+        p_map = (pin.T_map_imu[:3, 3] + self._shift).round(3).tolist()
+        stamp_ns, _ = self._keyframe_track[pin.keyframe - self._leg.first_keyframe]
+        return {"stamp_ns": stamp_ns, "keyframe": pin.keyframe, "id": pin.intersection, "p_map": p_map}
 
     def _follow(self, verdict: Verdict, keyframe: Keyframe) -> None:
         """Do what a verdict says."""

@@ -197,7 +197,7 @@ class RangeSettings(Settings):
 class BreakSettings(Settings):
     """When the odometry has broken off: the robot was carried away, or the recording has a hole."""
 
-    least_match: float = Field(0.35, ge=0.0, le=1.0)
+    least_match: float = Field(0.4, ge=0.0, le=1.0)
     """Least share of the points of two scans in a row that meet the local map; with less the robot is elsewhere."""
     gap_s: PositiveFloat = 1.0
     """Nothing bridges a longer silence of the IMU [s]."""

@@ -94,18 +94,22 @@ class Recorded:
         poses[:, :3] = file["poses"]
         return file["stamps_ns"], poses
 
-    def scans(self) -> Iterator[OrganisedScan]:
-        """All scans, one in memory at a time."""
+    def scans(self, first: int = 0) -> Iterator[OrganisedScan]:
+        """The scans from number ``first`` on, one in memory at a time."""
         shape = self.directions.shape[:2]
         with (self.directory / _RANGES).open("rb") as file:
-            for stamp in self.stamps_ns.tolist():
+            file.seek(2 * shape[0] * shape[1] * first)
+            for stamp in self.stamps_ns[first:].tolist():
                 units = np.frombuffer(file.read(2 * shape[0] * shape[1]), np.uint16).reshape(shape)
                 yield OrganisedScan(stamp, units * np.float32(RANGE_UNIT), self.directions, self.offsets_ns)
 
-    def in_order(self) -> Iterator[tuple[slice, OrganisedScan]]:
-        """Each scan with the rows of the IMU to hand over before it: up to the first at or after the scan's end."""
-        done = 0
-        for scan in self.scans():
+    def in_order(self, first: int = 0) -> Iterator[tuple[slice, OrganisedScan]]:
+        """Each scan with the rows of the IMU to hand over before it: up to the first at or after the scan's end.
+
+        first : number of the scan to begin with, as if the recording began there.
+        """
+        done = int(np.searchsorted(self.imu_ns, self.stamps_ns[first])) if first else 0
+        for scan in self.scans(first):
             covered = int(np.searchsorted(self.imu_ns, scan.end_ns)) + 1
             if covered > len(self.imu_ns):
                 return
