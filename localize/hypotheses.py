@@ -20,6 +20,8 @@ _GATE = 27.9
 """Of chi-square with 6 degrees of freedom one in ten thousand is larger."""
 _AT_MOST = 20
 """Hypotheses kept, those with the most evidence."""
+_LOOKED_AFTER = 3
+"""The first of them: what would be seen from there is looked for, similar or not."""
 
 
 @dataclass(slots=True)
@@ -64,8 +66,8 @@ class Hypotheses:
 
     @property
     def expected(self) -> list[Expected]:
-        """Where the robot may be now."""
-        return [story.at for story in self._stories]
+        """Where the robot most likely is."""
+        return [story.at for story in self._stories[:_LOOKED_AFTER]]
 
     def clear(self) -> None:
         """Forget them all."""

@@ -198,3 +198,42 @@ def test_without_lidar_wheel_and_imu_carry_on():
     moved = start @ inverse(result.odometry.poses[0]) @ result.odometry.poses
     off = np.linalg.norm(moved[:, :3, 3] - truth.at(result.odometry.stamps_ns)[:, :3, 3], axis=1)
     assert off.max() < 0.05 * truth.length()
+
+
+def carried_off(measurements, from_s, to_s, gap_s):
+    """The recording cut at ``from_s`` and gone on with from ``to_s``; true stamps of its stamps."""
+    begin_ns = measurements[0].stamp_ns
+    cut_ns, on_ns = begin_ns + round(from_s * 1e9), begin_ns + round(to_s * 1e9)
+    back_ns = on_ns - cut_ns - round(gap_s * 1e9)
+    before = [m for m in measurements if m.stamp_ns < cut_ns]
+    after = [replace(m, stamp_ns=m.stamp_ns - back_ns) for m in measurements if m.stamp_ns >= on_ns]
+    return [*before, *after], lambda stamps: np.where(stamps < cut_ns, stamps, stamps + back_ns)
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "from_s", "to_s", "gap_s"),
+    [
+        ("demo", 1, 25.0, 37.7, 0.0),
+        ("demo", 1, 25.0, 50.0, 4.0),
+        pytest.param("grid", 2, 15.0, 35.0, 0.0, marks=pytest.mark.slow),
+    ],
+    ids=["between two scans", "in a silence", "among look-alikes"],
+)
+def test_carried_off_in_the_middle_it_says_so_and_finds_itself_again(name, seed, from_s, to_s, gap_s):
+    it, measurements = flight(name, seed, duration_s=65.0)
+    joined, true_stamps = carried_off(measurements, from_s, to_s, gap_s)
+    result, updates = localize(it.rig, joined, semantic_map(name, seed))
+    states = [event["after"] for event in result.events if event["kind"] == "state"]
+    assert states == ["tracking", "lost", "tracking"]
+    assert all((u.T_map_imu is not None) <= (u.state == "tracking") for u in updates)
+    for track in (result.realtime, result.trajectory):
+        truth = it.truth().at(true_stamps(track.stamps_ns))[:, :3, 3]
+        assert np.linalg.norm(track.positions - truth, axis=1).max() < 0.25
+    assert len(result.odometry) == result.summary["scans"]
+
+
+def test_look_alike_crossings_are_told_apart_by_their_rock():
+    it, measurements = flight("grid", 1)
+    result, _ = localize(it.rig, measurements, semantic_map("grid", 1))
+    first_s = (result.realtime.stamps_ns[0] - result.odometry.stamps_ns[0]) * 1e-9
+    assert first_s < 25.0 and errors(result.realtime, it.truth()).max() < 0.1
