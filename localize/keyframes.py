@@ -75,9 +75,10 @@ class Keyframes:
         """The odometry begins anew: those before are in another frame."""
         self._last.clear()
 
-    def stack(self) -> Stack:
-        """The last keyframes in the gravity-aligned frame of the newest (paper 004 Eq. 20)."""
-        return stacked(self._last)
+    @property
+    def last(self) -> tuple[Keyframe, ...]:
+        """Those that are stacked, oldest first (paper 004 Eq. 20)."""
+        return tuple(self._last)
 
 
 def stacked(keyframes: Sequence[Keyframe]) -> Stack:

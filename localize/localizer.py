@@ -7,11 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from localize.beside import RecognitionBeside
+from localize.breaks import BreakWatch
+from localize.frames import going_on, round_origin, shifted
 from localize.graph import PoseGraph
 from localize.hypotheses import carried
 from localize.keyframes import Keyframe, Keyframes
 from localize.legs import Leg, joined, trajectory
-from localize.matcher import Expected, IntersectionMatcher, Place
+from localize.matcher import Expected, IntersectionMatcher, Place, Sight
 from localize.odometry import OdometryPose
 from localize.ranging import Ranging
 from localize.recognition import Recognition, Verdict
@@ -20,16 +23,12 @@ from localize.settings import LocalizeSettings
 from localize.sightings import Sighting, Sightings
 from localize.start import StartingOdometry
 from localize.watch import ModeWatch
-from semmap.geometry import Array, inverse, rotation_between, se3, transform, yaw_of, yaw_rotation
+from semmap.geometry import Array, inverse, rotation_between, se3, transform
 from semmap.intersections import SemanticMap
 from semmap.measurements import ImuSample, Measurement, PrismFix, UwbRange
 from semmap.rig import Rig
 
 _UP = np.array([0.0, 0.0, 1.0])
-_MANY_POINTS = 100
-"""A scan of fewer points does not tell whether it meets the local map."""
-_ROUND_M = 1000.0
-"""Map coordinates are worked with relative to a multiple of this."""
 
 
 class Localizer:
@@ -61,20 +60,23 @@ class Localizer:
         self, rig: Rig, semantic_map: SemanticMap | None = None, settings: LocalizeSettings | None = None
     ) -> None:
         self.rig, self.settings = rig, settings or LocalizeSettings()
-        self._shift = _round_origin(rig, semantic_map)
+        self._shift = round_origin(rig, semantic_map)
         self._keyframes = Keyframes(self.settings.keyframes)
         self._legs: list[Leg] = []
         self._at: Expected | None = None
         """The newest keyframe in the map."""
-        self._strayed = False
-        self._met = (0, 0)
+        self._breaks = BreakWatch(self.settings.breaks)
+        self._judged = -1
+        """The last keyframe of the leg of which it is known what it saw."""
         self._begin_leg()
         self._recognition = Recognition(self.settings.proof)
-        self._matcher = IntersectionMatcher(semantic_map, self.settings, self._shift) if semantic_map else None
+        self._beside: RecognitionBeside | None = None
+        if semantic_map is not None:
+            matcher = IntersectionMatcher(semantic_map, self.settings, self._shift)
+            self._beside = RecognitionBeside(matcher, self.settings.matcher.lag_scans)
         self._referenced = semantic_map is not None or rig.uwb is not None or rig.total_station is not None
         self._newest: Keyframe | None = None
         self._T_odom_leg = np.eye(4)
-        self._imu_ns: int | None = None
         self._state: State = "unknown"
         self._odometry_track: list[tuple[int, Array]] = []
         self._realtime_track: list[tuple[int, Array]] = []
@@ -96,30 +98,16 @@ class Localizer:
         if isinstance(measurement, UwbRange | PrismFix) and not self._sightings.add(measurement):
             return None
         if isinstance(measurement, ImuSample):
-            self._note_silence(measurement.stamp_ns)
+            silence_s = self._breaks.silence_s(measurement.stamp_ns)
+            if silence_s:
+                self._begin_again(measurement.stamp_ns, f"nothing from the IMU for {silence_s:.1f} s")
         update = None
         for pose in self._odometry.add(measurement):
-            if self._breaks_off(pose):
+            if self._breaks.leaves_map(pose, len(self._keyframe_track)):
                 self._begin_again(pose.stamp_ns, "the scans do not meet the local map")
                 break
             update = self._reached(pose)
         return update
-
-    def _note_silence(self, stamp_ns: int) -> None:
-        """Begin again after a silence of the IMU that nothing bridges."""
-        gap_ns = stamp_ns - self._imu_ns if self._imu_ns is not None else 0
-        self._imu_ns = max(stamp_ns, self._imu_ns or stamp_ns)
-        if gap_ns > self.settings.breaks.gap_s * 1e9:
-            self._begin_again(stamp_ns, f"nothing from the IMU for {gap_ns * 1e-9:.1f} s")
-
-    def _breaks_off(self, pose: OdometryPose) -> bool:
-        """Whether the scans have left the local map: one may be dust, two in a row are another place."""
-        before, self._met = self._met, (pose.matched, pose.considered)
-        least, both = self.settings.breaks.least_match, np.add(before, self._met)
-        # before it has moved some metres there is hardly a map to meet
-        tells = len(self._leg.keyframes) >= 3 and min(before[1], pose.considered) >= _MANY_POINTS
-        self._strayed = tells and pose.matched < least * pose.considered
-        return bool(tells and both[0] < least * both[1])
 
     def _begin_again(self, stamp_ns: int, why: str) -> None:
         """The odometry has broken off: a new leg, wherever the robot is."""
@@ -129,8 +117,8 @@ class Localizer:
             self._leg.odometry.pop()  # a scan of both places, or the last before a silence
         self._event(stamp_ns, "odometry_broken", why=why)
         self._recognition.forget()
-        if self._matcher is not None:
-            self._matcher.forget()
+        if self._beside is not None:
+            self._beside.forget()
         self._begin_leg()
         if self._state != "unknown":
             self._set_state("lost", stamp_ns, why)
@@ -139,11 +127,14 @@ class Localizer:
         """End the run: smooth the whole track and hand everything over."""
         for pose in self._odometry.finish():
             self._reached(pose)
+        if self._beside is not None:
+            self._judge(self._beside.due())
+            self._beside.close()
         odometry = trajectory("odom", self._odometry_track)
         frame = "map" if self._referenced else "odom"
         final = joined([leg.smoothed() for leg in self._legs], "map") if self._referenced else odometry
         if self._referenced:
-            final = replace(final, poses=_shifted(final.poses, self._shift))
+            final = replace(final, poses=shifted(final.poses, self._shift))
         return LocalizationResult(
             final, trajectory(frame, self._realtime_track), odometry, tuple(self._events), self._summary(),
             tuple(self._watch.uncertainty),
@@ -167,19 +158,22 @@ class Localizer:
         self._odometry = StartingOdometry(self.rig, self.settings.odometry, self.settings.keyframes)
         self._sightings = Sightings(self.rig, self.settings.sightings, self._shift)
         self._keyframes.forget()
-        self._at, self._strayed, self._met = None, False, (0, 0)
+        self._at, self._judged = None, -1
+        self._breaks.begin_again()
         self._legs.append(Leg(PoseGraph(self.settings.graph), self._keyframes.count))
 
     def _reached(self, pose: OdometryPose) -> Update:
         """The steps of paper 004 section 3 for one scan."""
         if not self._leg.odometry and self._odometry_track:
-            self._T_odom_leg = _goes_on(self._odometry_track[-1][1], pose.T_odom_imu)
+            self._T_odom_leg = going_on(self._odometry_track[-1][1], pose.T_odom_imu)
         self._leg.odometry.append((pose.stamp_ns, pose.T_odom_imu))
         self._odometry_track.append((pose.stamp_ns, self._T_odom_leg @ pose.T_odom_imu))
         self._counts["scans"] += 1
         if pose.keyframe:
             self._newest = self._add_keyframe(pose)
-            self._recognise_intersection(self._newest)
+            self._look_for_intersections()
+        if self._beside is not None:
+            self._judge(self._beside.due(self._counts["scans"]))
         self._note_ranges()
         self._take_sightings(pose)
         if self._pins_dirty:
@@ -214,18 +208,34 @@ class Localizer:
         covariance: Array = pose.since_keyframe * np.outer(stretch, stretch) + np.diag(drift)
         return covariance
 
-    def _recognise_intersection(self, keyframe: Keyframe) -> None:
-        if self._matcher is None:
+    def _look_for_intersections(self) -> None:
+        """Have the newest keyframe looked at, in view of where the robot is, or may be, as far as is known now."""
+        if self._beside is None:
             return
-        if len(self._graph) > 1:
-            self._recognition.hypotheses.carry(*self._graph.link(len(self._graph) - 1))
-        others = self._recognition.hypotheses.expected if self._at is None else [self._at]
-        sights = self._matcher.recognise(self._keyframes.stack(), keyframe, self._at, others)
-        self._counts["intersections_seen"] += len(sights)
-        for sight in sights:
-            verdict = self._recognition.judge(sight, self._at)
-            self._events.append({**verdict.event, "pins": [self._told(pin) for pin in verdict.pins]})
-            self._follow(verdict, keyframe)
+        others = [self._at] if self._at is not None else self._recognition.hypotheses.expected
+        if self._at is None:
+            for index in range(self._judged + 1, len(self._graph)):
+                others = [carried(at, *self._graph.link(index)) for at in others]
+        self._beside.look(self._keyframes.last, self._at, others, self._counts["scans"])
+
+    def _judge(self, looks: list[tuple[Keyframe, list[Sight]]]) -> None:
+        """Decide what keyframes saw, in their order."""
+        for keyframe, sights in looks:
+            self._counts["intersections_seen"] += len(sights)
+            self._judged = keyframe.index - self._leg.first_keyframe
+            if self._judged > 0:
+                self._recognition.hypotheses.carry(*self._graph.link(self._judged))
+            for sight in sights:
+                verdict = self._recognition.judge(sight, self._track(keyframe.index - self._leg.first_keyframe))
+                told = {**verdict.event, "stamp_ns": self._leg.odometry[-1][0]}
+                self._events.append({**told, "pins": [self._told(pin) for pin in verdict.pins]})
+                self._follow(verdict, self._leg.odometry[-1][0])
+
+    def _track(self, index: int) -> Expected | None:
+        """Where a keyframe of the leg is taken to be."""
+        if self._at is None or index == len(self._graph) - 1:
+            return self._at
+        return Expected(self._graph.pose(index), self._graph.covariance(index))
 
     def _told(self, pin: Place) -> Event:
         """A pin for the events."""
@@ -233,32 +243,34 @@ class Localizer:
         stamp_ns, _ = self._keyframe_track[pin.keyframe - self._leg.first_keyframe]
         return {"stamp_ns": stamp_ns, "keyframe": pin.keyframe, "id": pin.intersection, "p_map": p_map}
 
-    def _follow(self, verdict: Verdict, keyframe: Keyframe) -> None:
+    def _follow(self, verdict: Verdict, stamp_ns: int) -> None:
         """Do what a verdict says."""
         if verdict.elsewhere:
-            self._leave_track(verdict.pins, keyframe.stamp_ns)
+            self._leave_track(verdict.pins, stamp_ns)
         if verdict.pins:
-            self._pin_intersections(verdict.pins)
-            self._set_state("tracking", keyframe.stamp_ns, "intersection proven")
+            self._pin_intersections(verdict.pins, stamp_ns)
+            self._set_state("tracking", stamp_ns, "intersection proven")
         elif verdict.doubt and self._state == "tracking":
-            self._set_state("suspect", keyframe.stamp_ns, verdict.doubt)
+            self._set_state("suspect", stamp_ns, verdict.doubt)
 
     def _leave_track(self, pins: tuple[Place, ...], stamp_ns: int) -> None:
         """The robot is proven to be elsewhere: the track ended somewhere, or was wrong if one intersection made it."""
         self._set_state("lost", stamp_ns, "the robot is proven to be elsewhere")
         before = self._leg
+        self._judged += before.first_keyframe
         self._legs.append(before.split(pins[0].keyframe))
+        self._judged -= self._leg.first_keyframe
         self._at = None
         if len(before.pinned) < 2:
             self._counts["pins"] -= before.graph.pins
             self._recognised -= before.pinned
             before.graph.unanchor()
 
-    def _pin_intersections(self, pins: tuple[Place, ...]) -> None:
+    def _pin_intersections(self, pins: tuple[Place, ...], stamp_ns: int) -> None:
         leg, last = self._leg, pins[-1]
         if not self._graph.anchored:
             _, T_odom_imu = leg.keyframes[last.keyframe - leg.first_keyframe]
-            self._anchor(last.T_map_imu @ inverse(T_odom_imu), self._keyframe_track[-1][0], "intersection")
+            self._anchor(last.T_map_imu @ inverse(T_odom_imu), stamp_ns, "intersection")
         for pin in pins:
             index = pin.keyframe - leg.first_keyframe
             self._graph.pin_intersection(index, pin.intersection, pin.T_map_intersection, pin.T_map_imu, pin.covariance)
@@ -392,13 +404,13 @@ class Localizer:
     def _publish(self, pose: OdometryPose) -> Update:
         """What is known now; nothing in the map while that is unknown or in doubt."""
         T_odom_imu = self._odometry_track[-1][1]
-        state: State = "suspect" if self._strayed and self._state == "tracking" else self._state
+        state: State = "suspect" if self._breaks.strayed and self._state == "tracking" else self._state
         T_map_imu = covariance = None
         if not self._referenced:
             self._realtime_track.append((pose.stamp_ns, T_odom_imu))
         elif self._at is not None and state == "tracking":
             now = self._at if pose.keyframe else carried(self._at, pose.T_keyframe_imu, self._link_covariance(pose))
-            T_map_imu, covariance = _shifted(now.T_map_imu[None], self._shift)[0], now.covariance
+            T_map_imu, covariance = shifted(now.T_map_imu[None], self._shift)[0], now.covariance
             self._realtime_track.append((pose.stamp_ns, T_map_imu))
         return Update(pose.stamp_ns, T_odom_imu, T_map_imu, covariance, state)
 
@@ -423,30 +435,3 @@ class Localizer:
             "state": self._state,
             "anchored": self._graph.anchored,
         }
-
-
-def _round_origin(rig: Rig, semantic_map: SemanticMap | None) -> Array:
-    """A round point near everything surveyed (3,), so that the graph works with small numbers."""
-    if semantic_map is not None:
-        return np.asarray(semantic_map.origin, dtype=np.float64)
-    if rig.uwb is not None:
-        surveyed = np.mean(list(rig.uwb.anchors.values()), axis=0)
-    elif rig.total_station is not None:
-        surveyed = np.array(rig.total_station.position)
-    else:
-        return np.zeros(3)
-    rounded: Array = _ROUND_M * np.round(surveyed / _ROUND_M)
-    return rounded
-
-
-def _goes_on(T_odom_last: Array, T_begin: Array) -> Array:
-    """Place (4, 4) in odom of a new odometry, whose first pose (4, 4) shall go on where the old one ended."""
-    R = yaw_rotation(yaw_of(T_odom_last[:3, :3]) - yaw_of(T_begin[:3, :3]))
-    T: Array = se3(R, T_odom_last[:3, 3] - R @ T_begin[:3, 3])
-    return T
-
-
-def _shifted(poses: Array, shift: Array) -> Array:
-    moved = poses.copy()
-    moved[:, :3, 3] += shift
-    return moved

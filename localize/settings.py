@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 
 from semmap.settings import Settings
 
@@ -87,6 +87,8 @@ class MatcherSettings(Settings):
     """Least CWC similarity of a match."""
     consecutive: PositiveInt = 3
     """Keyframes that must agree on one intersection, ε_same."""
+    lag_scans: NonNegativeInt = 5
+    """Scans after which what a keyframe saw counts: recognition works beside the odometry meanwhile; 0 waits for it."""
     search_radius: PositiveFloat = 15.0
     """With a pose known, candidates lie within this of where the intersection is seen, beside 3 sigma [m]."""
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from maps._numba_floor import DI, DJ, first_row
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _free_over(
     bottom: NDArray[np.float32],
     top: NDArray[np.float32],
@@ -41,7 +41,7 @@ def _free_over(
     return clear < obstacle - floor <= highest, over, obstacle
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _has_floor(ij: NDArray[np.int32], height: NDArray[np.float32], i: int, j: int, z: float, apart: float) -> bool:
     row = first_row(ij, i, j)
     while row < ij.shape[0] and ij[row, 0] == i and ij[row, 1] == j:
@@ -51,7 +51,7 @@ def _has_floor(ij: NDArray[np.int32], height: NDArray[np.float32], i: int, j: in
     return False
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def walk_under(
     ij: NDArray[np.int32],
     height: NDArray[np.float32],
@@ -107,7 +107,7 @@ def walk_under(
             row += 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def count_sides(
     found: NDArray[np.int64],
     labels: NDArray[np.int32],

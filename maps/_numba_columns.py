@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def pack(
     points: NDArray[np.floating],
     cell: float,
@@ -27,7 +27,7 @@ def pack(
         keys[k] = (i * size[1] + j) * size[2] + z
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def count_runs(keys: NDArray[np.int64], levels: int, gap: int) -> tuple[int, int]:
     """Number of plan cells, and of runs, in sorted keys; heights more than ``gap`` apart are different runs."""
     cells, runs = 0, 0
@@ -38,7 +38,7 @@ def count_runs(keys: NDArray[np.int64], levels: int, gap: int) -> tuple[int, int
     return cells, runs
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def write_runs(
     keys: NDArray[np.int64],
     levels: int,
@@ -67,7 +67,7 @@ def write_runs(
     first[cell + 1] = run + 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def merge_columns(
     ij: NDArray[np.int32],
     first: NDArray[np.int64],

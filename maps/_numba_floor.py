@@ -13,7 +13,7 @@ _DIRECTION = np.array([[3, 2, 1], [4, -1, 0], [5, 6, 7]])
 _FAR = 32000
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def nearest_edges(neighbours: NDArray[np.int32], to_edge: NDArray[np.int16]) -> None:
     """Write to ``to_edge`` (n, 2) the steps in plan from each free cell to the nearest one that is not free.
 
@@ -44,7 +44,7 @@ def nearest_edges(neighbours: NDArray[np.int32], to_edge: NDArray[np.int16]) -> 
                         changed = True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def first_row(ij: NDArray[np.int32], i: int, j: int) -> int:
     """First row whose plan cell is not before (i, j); the rows are sorted by i, then j."""
     low, high = 0, ij.shape[0]
@@ -57,7 +57,7 @@ def first_row(ij: NDArray[np.int32], i: int, j: int) -> int:
     return low
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def find_cells(
     ij: NDArray[np.int32],
     height: NDArray[np.float32],
@@ -79,7 +79,7 @@ def find_cells(
             row += 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def reached(
     ij: NDArray[np.int32], neighbours: NDArray[np.int32], start: int, x: float, y: float, radius: float
 ) -> NDArray[np.int64]:
@@ -116,7 +116,7 @@ def reached(
     return np.sort(queue[:count])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def walk_rays(
     ij: NDArray[np.int32],
     neighbours: NDArray[np.int32],

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def lzf_decompress(packed: NDArray[np.uint8], data: NDArray[np.uint8]) -> int:
     """Undo LZF: runs of literal bytes and references back to what is already there.
 

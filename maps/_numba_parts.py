@@ -15,7 +15,7 @@ from maps._numba_surface import NONE, end_of
 _DIRECTION = np.array([[3, 2, 1], [4, -1, 0], [5, 6, 7]])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def doors_of(parts: int) -> NDArray[np.int64]:
     """For each small cell of a cell and each direction (parts², 8, 2): which neighbour of the cell, and which of its.
 
@@ -31,7 +31,7 @@ def doors_of(parts: int) -> NDArray[np.int64]:
     return doors
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _beyond(neighbours: NDArray[np.int32], doors: NDArray[np.int64], cell: int, part: int, k: int) -> int:
     """Number of the small cell next to small cell ``part`` of a cell in direction ``k``, or NONE."""
     if doors[part, k, 0] >= 0:
@@ -41,7 +41,7 @@ def _beyond(neighbours: NDArray[np.int32], doors: NDArray[np.int64], cell: int, 
     return int(cell * doors.shape[0] + doors[part, k, 1])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def surroundings(
     ij: NDArray[np.int32],
     height: NDArray[np.float32],
@@ -80,7 +80,7 @@ def surroundings(
                 column += 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _slope(
     height: NDArray[np.float32], neighbours: NDArray[np.int32], row: int, k: int, back: int, cell: float
 ) -> float:
@@ -93,7 +93,7 @@ def _slope(
     return float((height[row] - height[b]) / cell) if b >= 0 else 0.0
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def steps_from(
     neighbours: NDArray[np.int32],
     doors: NDArray[np.int64],
@@ -135,7 +135,7 @@ def steps_from(
                 count += 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def all_around(
     neighbours: NDArray[np.int32], doors: NDArray[np.int64], mask: NDArray[np.bool_], out: NDArray[np.bool_]
 ) -> None:
@@ -150,7 +150,7 @@ def all_around(
             out[row] = other >= 0 and mask[other]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def any_around(
     neighbours: NDArray[np.int32], doors: NDArray[np.int64], mask: NDArray[np.bool_], out: NDArray[np.bool_]
 ) -> None:
@@ -165,7 +165,7 @@ def any_around(
                     out[other] = True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def bridge(
     neighbours: NDArray[np.int32], doors: NDArray[np.int64], mask: NDArray[np.bool_], gap: int, out: NDArray[np.bool_]
 ) -> None:
@@ -187,7 +187,7 @@ def bridge(
             out[row] |= away[k] + min(away[(k + 3) % 8], away[(k + 4) % 8]) <= gap + 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def fill_islands(neighbours: NDArray[np.int32], doors: NDArray[np.int64], mask: NDArray[np.bool_], limit: int) -> None:
     """Set the parts of the complement of ``mask``, connected in four directions, of fewer than ``limit`` small cells.
 
@@ -217,7 +217,7 @@ def fill_islands(neighbours: NDArray[np.int32], doors: NDArray[np.int64], mask: 
                 mask[queue[m]] = True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def in_order(
     ij: NDArray[np.int32], parts: int, mask: NDArray[np.bool_], rows: NDArray[np.int32], plan: NDArray[np.int32]
 ) -> None:
@@ -242,7 +242,7 @@ def in_order(
         start = stop
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def neighbours_of_parts(
     neighbours: NDArray[np.int32],
     doors: NDArray[np.int64],

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def heights_on(
     floor: NDArray[np.float32],
     roof: NDArray[np.float32],

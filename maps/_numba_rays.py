@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 UNKNOWN, FREE, WALL = 0, 1, 2
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def mark_seen(free: NDArray[np.bool_], wall: NDArray[np.bool_], x: float, y: float, reach: NDArray[np.float64]) -> None:
     """Mark the cells that rays from (x, y) cross before a wall or before they end, all in cells.
 

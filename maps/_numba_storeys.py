@@ -15,7 +15,7 @@ REACH = 2
 """Gaps of columns at most so many cells apart are linked: thinly sampled floor has holes."""
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def count_gaps(
     first: NDArray[np.int64], bottom: NDArray[np.float32], top: NDArray[np.float32], least: float
 ) -> NDArray[np.int64]:
@@ -29,7 +29,7 @@ def count_gaps(
     return begins
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def write_gaps(
     first: NDArray[np.int64],
     bottom: NDArray[np.float32],
@@ -54,13 +54,13 @@ def write_gaps(
                 gap += 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _column(ij: NDArray[np.int32], i: int, j: int) -> int:
     c = first_row(ij, i, j)
     return c if c < ij.shape[0] and ij[c, 0] == i and ij[c, 1] == j else -1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _root(parent: NDArray[np.int64], a: int) -> int:
     while parent[a] != a:
         parent[a] = parent[parent[a]]
@@ -68,7 +68,7 @@ def _root(parent: NDArray[np.int64], a: int) -> int:
     return a
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _fits(
     a: int, b: int, height: NDArray[np.float32], headroom: NDArray[np.float32], step: float, common: float
 ) -> bool:
@@ -77,7 +77,7 @@ def _fits(
     return bool(abs(height[a] - height[b]) <= step and high - low >= common)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def count_support(
     ij: NDArray[np.int32],
     begins: NDArray[np.int64],
@@ -117,7 +117,7 @@ def count_support(
                         break
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _no_column_between(ij: NDArray[np.int32], i: int, j: int, di: int, dj: int) -> bool:
     """Whether (i, j) and the cell (di, dj) on, two at most, are neighbours or have a hole between them.
 
@@ -132,7 +132,7 @@ def _no_column_between(ij: NDArray[np.int32], i: int, j: int, di: int, dj: int) 
     return False
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def link_gaps(
     ij: NDArray[np.int32],
     begins: NDArray[np.int64],
@@ -182,7 +182,7 @@ def link_gaps(
         sheet[a] = _root(sheet, a if border[a] < 0 else border[a])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def link_narrow_gaps(
     ij: NDArray[np.int32],
     begins: NDArray[np.int64],
@@ -223,7 +223,7 @@ def link_narrow_gaps(
                     count += 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def bounds_of_sheets(
     ij: NDArray[np.int32],
     first: NDArray[np.int64],

@@ -11,7 +11,7 @@ from maps._numba_floor import DI, DJ, first_row
 NONE = -1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _nearest(height: NDArray[np.float32], z: float, start: int, end: int) -> int:
     best = start
     for a in range(start + 1, end):
@@ -20,7 +20,7 @@ def _nearest(height: NDArray[np.float32], z: float, start: int, end: int) -> int
     return best
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def end_of(ij: NDArray[np.int32], a: int) -> int:
     """One past the last row with the plan cell of row ``a``."""
     end = a + 1
@@ -29,7 +29,7 @@ def end_of(ij: NDArray[np.int32], a: int) -> int:
     return end
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def link_cells(
     ij: NDArray[np.int32], height: NDArray[np.float32], rise: float, step: float, neighbours: NDArray[np.int32]
 ) -> None:
@@ -61,7 +61,7 @@ def link_cells(
         start = end
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def lower_envelope(
     neighbours: NDArray[np.int32], height: NDArray[np.float32], rise: float, envelope: NDArray[np.float32]
 ) -> None:
@@ -83,7 +83,7 @@ def lower_envelope(
                             changed = True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def median_around(neighbours: NDArray[np.int32], values: NDArray[np.float32], out: NDArray[np.float32]) -> None:
     """Median of each cell and its neighbours, the lower one of two."""
     near = np.empty(9, np.float32)
@@ -97,7 +97,7 @@ def median_around(neighbours: NDArray[np.int32], values: NDArray[np.float32], ou
         out[row] = np.sort(near[:count])[(count - 1) // 2]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def spread(
     neighbours: NDArray[np.int32], values: NDArray[np.float32], weights: NDArray[np.float32], out: NDArray[np.float32]
 ) -> None:
@@ -112,7 +112,7 @@ def spread(
         out[row] = total / weight if weight > 0.0 else values[row]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def ease(neighbours: NDArray[np.int32], rows: NDArray[np.int64], times: int, values: NDArray[np.float32]) -> None:
     """Draw the values of some cells to the mean of those around, again and again, the others being fixed."""
     for _ in range(times):
@@ -127,7 +127,7 @@ def ease(neighbours: NDArray[np.int32], rows: NDArray[np.int64], times: int, val
                 values[row] = total / np.float32(count)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def propose(
     ij: NDArray[np.int32],
     height: NDArray[np.float32],
@@ -163,7 +163,7 @@ def propose(
     return count
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def in_large_piece(neighbours: NDArray[np.int32], least: int, large: NDArray[np.bool_]) -> None:
     """Whether each cell is in a connected piece of at least so many cells."""
     n = neighbours.shape[0]

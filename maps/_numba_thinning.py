@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def thin(kept: NDArray[np.bool_], neighbours: NDArray[np.int32], order: NDArray[np.int64]) -> None:
     """Clear cells of ``kept`` (n,) in the given order unless that would cut a line, join two holes or shorten an end.
 
@@ -32,7 +32,7 @@ def thin(kept: NDArray[np.bool_], neighbours: NDArray[np.int32], order: NDArray[
             kept[row] = False
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def trace(
     links: NDArray[np.int32], owner: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
