@@ -4,8 +4,9 @@
 ``localizer.finish()``.
 """
 
+from localize.live import LiveLocalizer
 from localize.localizer import Localizer
 from localize.results import LocalizationResult, Update
 from localize.settings import LocalizeSettings
 
-__all__ = ["LocalizationResult", "LocalizeSettings", "Localizer", "Update"]
+__all__ = ["LiveLocalizer", "LocalizationResult", "LocalizeSettings", "Localizer", "Update"]

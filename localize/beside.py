@@ -29,7 +29,7 @@ class RecognitionBeside:
     def look(
         self, keyframes: Sequence[Keyframe], track: Expected | None, others: Sequence[Expected], scan: int
     ) -> None:
-        """Look at the last of some keyframes, which came with scan number ``scan``, as the matcher's `recognise` does."""
+        """Look at the last of some keyframes, which came with scan number ``scan``, as `recognise` does."""
 
         def recognised() -> list[Sight]:
             return self._matcher.recognise(stacked(keyframes), keyframes[-1], track, others)

@@ -217,6 +217,7 @@ def localize(
         str,
         typer.Option(metavar="LIST", help="Leave out, comma-separated: uwb,wheel,prism,lidar,intersections."),
     ] = "",
+    live: Annotated[bool, typer.Option("--live", help="Play it at its own pace, as a robot would.")] = False,
 ) -> None:
     """Localize a recording.
 
@@ -229,7 +230,7 @@ def localize(
     settings = _common.settings()
     with progress_bar("localizing") as progress:
         summary = localize_recording(
-            recording, rig, out, map_file=database, without=names, settings=settings, progress=progress
+            recording, rig, out, map_file=database, without=names, settings=settings, live=live, progress=progress
         )
     typer.echo(f"{outcome(summary)}: {out}")
 

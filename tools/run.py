@@ -22,12 +22,12 @@ from typing import Any
 import numpy as np
 
 import semmap
-from localize import LocalizationResult, Localizer
+from localize import LiveLocalizer, LocalizationResult, Localizer
 from localize.compilation import kernels_compiled
 from localize.results import Uncertainty
 from semmap import database
 from semmap.errors import SettingsError
-from semmap.measurements import Measurement
+from semmap.measurements import Measurement, Scan
 from semmap.recordings import read_recording
 from semmap.rig import Rig
 from semmap.trajectory import text_of_stamp_ns
@@ -60,9 +60,12 @@ def localize_recording(
     map_file: Path | None = None,
     without: Sequence[str] = (),
     settings: ToolSettings,
+    live: bool = False,
     progress: Advance | None = None,
 ) -> dict[str, Any]:
     """Stream ``recording`` through a `Localizer`, write the run directory ``out``, return its summary.
+
+    ``live`` plays it at the pace at which it was recorded into a `LiveLocalizer`, which drops scans if it must.
 
     Nothing is written before the whole recording went through. Raises the errors of the rig, the database and
     the recording.
@@ -76,8 +79,12 @@ def localize_recording(
         print("compiling the kernels of the odometry, once: up to half a minute", file=sys.stderr)
     started = time.perf_counter()
     measurements = read_recording(recording, rig, progress=progress)
-    scan_ms = stream(localizer, measurements)
-    result = localizer.finish()
+    scan_ms: list[float] = []
+    if live:
+        result = play(LiveLocalizer(localizer), measurements)
+    else:
+        scan_ms = stream(localizer, measurements)
+        result = localizer.finish()
     summary = {
         "recording": str(recording.resolve()),
         "rig": str(rig_file.resolve()),
@@ -106,6 +113,17 @@ def stream(localizer: Localizer, measurements: Iterable[Measurement]) -> list[fl
             costs.append(1e3 * cost)
             cost = 0.0
     return costs
+
+
+def play(live: LiveLocalizer, measurements: Iterable[Measurement]) -> LocalizationResult:
+    """Hand every measurement to ``live`` when its time has come, a scan at its end, and end the stream."""
+    began, first_ns = time.monotonic(), None
+    for measurement in measurements:
+        come_ns = measurement.end_ns if isinstance(measurement, Scan) else measurement.stamp_ns
+        first_ns = come_ns if first_ns is None else first_ns
+        time.sleep(max(0.0, (come_ns - first_ns) * 1e-9 - (time.monotonic() - began)))
+        live.add(measurement)
+    return live.close()
 
 
 def timing(scan_ms: Sequence[float]) -> dict[str, float | None]:
