@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -63,11 +64,14 @@ class Localizer:
         self._shift = round_origin(rig, semantic_map)
         self._keyframes = Keyframes(self.settings.keyframes)
         self._legs: list[Leg] = []
+        self._past: Counter[str] = Counter()
+        """What the odometries that broke off counted."""
         self._at: Expected | None = None
         """The newest keyframe in the map."""
-        self._breaks = BreakWatch(self.settings.breaks)
         self._judged = -1
         """The last keyframe of the leg of which it is known what it saw."""
+        self._breaks = BreakWatch(self.settings.breaks)
+        self._watch = ModeWatch(self.settings, lidar=rig.lidar is not None)
         self._begin_leg()
         self._recognition = Recognition(self.settings.proof)
         self._beside: RecognitionBeside | None = None
@@ -90,7 +94,6 @@ class Localizer:
         }
         self._anchors_that_are: dict[str, set[int]] = {"blocked": set(), "silent": set()}
         self._recognised: set[int] = set()
-        self._watch = ModeWatch(self.settings, lidar=rig.lidar is not None)
         self._pins_dirty = False
 
     def add(self, measurement: Measurement) -> Update | None:
@@ -116,6 +119,7 @@ class Localizer:
         if self._leg.odometry:
             self._leg.odometry.pop()  # a scan of both places, or the last before a silence
         self._event(stamp_ns, "odometry_broken", why=why)
+        self._past += self._odometry_counts() + Counter(odometry_breaks=1)
         self._recognition.forget()
         if self._beside is not None:
             self._beside.forget()
@@ -160,6 +164,7 @@ class Localizer:
         self._keyframes.forget()
         self._at, self._judged = None, -1
         self._breaks.begin_again()
+        self._watch.begin_again()
         self._legs.append(Leg(PoseGraph(self.settings.graph), self._keyframes.count))
 
     def _reached(self, pose: OdometryPose) -> Update:
@@ -422,16 +427,27 @@ class Localizer:
     def _event(self, stamp_ns: int, kind: str, **data: Any) -> None:
         self._events.append({"stamp_ns": int(stamp_ns), "kind": kind, **data})
 
+    def _odometry_counts(self) -> Counter[str]:
+        """What the present odometry counted."""
+        engine = self._odometry.odometry
+        if engine is None:
+            return Counter()
+        slips = sum(change.slipping for change in engine.wheel.changes) if engine.wheel is not None else 0
+        dropped = {f"dropped {what}": count for what, count in engine.dropped.items()}
+        return Counter({"wheel_slips": slips, "imu_gaps": engine.gaps, **dropped})
+
     def _summary(self) -> dict[str, Any]:
         engine = self._odometry.odometry
+        counted = self._past + self._odometry_counts()
         return {
             **self._counts,
             "intersections_recognised": sorted(self._recognised),
-            "dropped": dict(engine.dropped) if engine else {},
-            "wheel_slips": sum(change.slipping for change in engine.wheel.changes) if engine and engine.wheel else 0,
+            "dropped": {key[8:]: n for key, n in counted.items() if key.startswith("dropped ")},
+            "wheel_slips": counted["wheel_slips"],
             "wheel_scale": engine.filter.state.wheel_scale if engine and engine.wheel else None,
-            "imu_gaps": engine.gaps if engine else 0,
+            "imu_gaps": counted["imu_gaps"],
+            "odometry_breaks": counted["odometry_breaks"],
             "unknown_anchors": sorted(self._sightings.unknown_anchors),
             "state": self._state,
-            "anchored": self._graph.anchored,
+            "anchored": any(leg.graph.anchored for leg in self._legs),
         }

@@ -35,6 +35,10 @@ class ModeWatch:
         """A range or fix arrived and agreed with what was known."""
         self._fitted_ns[kind][anchor] = stamp_ns
 
+    def begin_again(self) -> None:
+        """The odometry, and with it the wheel's fusion, begins anew."""
+        self._slips_told = 0
+
     def reached(self, pose: OdometryPose, wheel: WheelFusion | None, *, outside: float | None) -> list[Event]:
         """Take a pose in; returns what changed. ``outside``: see `Evidence`."""
         events = self._slips(wheel, pose.stamp_ns) + self._degeneracy.watch(pose, self.settings)
