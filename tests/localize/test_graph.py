@@ -33,8 +33,8 @@ def odometry(truth, rng=None):
     return np.array(poses)
 
 
-def graph_of(track):
-    graph = PoseGraph(GraphSettings())
+def graph_of(track, settings=None):
+    graph = PoseGraph(settings or GraphSettings())
     up_odom = drive(1)[0, :3, :3].T @ [0.0, 0.0, 1.0]
     for before, T in zip([track[0], *track[:-1]], track, strict=True):
         graph.add_keyframe(T, up_odom, inverse(before) @ T, LINK)
@@ -158,3 +158,63 @@ def test_smoothing_of_very_short_tracks(n):
     poses = np.array([np.eye(4)] * n)
     result = smoothed(Trajectory("odom", stamps, poses), stamps[:1], T[None])
     np.testing.assert_allclose(result.poses, np.array([T] * n), atol=1e-12)
+
+
+def test_an_intersections_survey_errs_once_however_often_it_is_seen():
+    truth, settings = drive(), GraphSettings()
+    graph = graph_of(odometry(truth))
+    graph.anchor(truth[0])
+    T_map_intersection = truth[20] @ se3_exp([0, 0, 0, 4.0, 1.0, -1.0])
+    for index in range(12, 29):
+        graph.pin_intersection(index, 5, T_map_intersection, truth[index], 1e-8 * np.eye(6))
+    graph.solve()
+    np.testing.assert_allclose(graph.poses(), truth, atol=1e-4)
+    std = np.sqrt(np.diag(graph.covariance(20))[3:])
+    assert (std > 0.99 * settings.survey_position).all() and (std < 2.0 * settings.survey_position).all()
+
+
+def test_surveyed_intersections_that_are_off_are_averaged_with_honest_covariance():
+    """Each intersection of the map lies a little off for all that see it: errors agree with the covariance."""
+    truth, seeds, s = drive(40), 60, GraphSettings()
+    survey = np.diag(np.repeat([s.survey_rotation, s.survey_position], 3) ** 2)
+    squared = []
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        graph = graph_of(odometry(truth, rng))
+        graph.anchor(truth[0])
+        for number, seen_from in ((1, range(3, 15, 3)), (2, range(24, 36, 3))):
+            true = truth[seen_from[2]] @ se3_exp([0, 0, 0, 3.0, 1.0, -1.0])
+            stored = true @ se3_exp(rng.multivariate_normal(np.zeros(6), survey))
+            for index in seen_from:
+                T_intersection_imu = inverse(true) @ truth[index] @ se3_exp(rng.multivariate_normal(np.zeros(6), PIN))
+                graph.pin_intersection(index, number, stored, stored @ T_intersection_imu, PIN)
+        graph.solve(steps=4)
+        error = se3_log(inverse(graph.pose(18)) @ truth[18])
+        squared.append(error @ np.linalg.solve(graph.covariance(18), error))
+    low, high = chi2.ppf([0.025, 0.975], 6 * seeds) / seeds
+    assert 0.85 * low < np.mean(squared) < 1.1 * high
+
+
+def test_in_the_papers_mode_positions_of_intersections_place_the_track():
+    truth = drive()
+    graph = graph_of(odometry(truth), GraphSettings(intersections="points"))
+    graph.anchor(truth[0] @ se3_exp([0, 0, 0.02, 0.3, 0.3, 0.0]))
+    for index in range(2, 40, 5):
+        pin(graph, index, truth[index] @ se3_exp([0, 0, 0, 0, 0, 0]), PIN)
+    graph.solve(steps=6)
+    np.testing.assert_allclose(graph.poses()[:, :3, 3], truth[:, :3, 3], atol=2e-3)
+
+
+def test_a_graph_split_in_two_keeps_its_first_part_and_begins_the_second_without_a_place():
+    truth = drive()
+    graph = graph_of(odometry(truth))
+    graph.anchor(truth[0])
+    pin(graph, 5, truth[5], PIN)
+    graph.solve()
+    rest = graph.split(25)
+    assert not rest.anchored and len(rest) == 15
+    rest.anchor(truth[0] @ se3_exp([0, 0, 0.1, 1.0, 0, 0]))
+    pin(rest, 10, truth[35], PIN)
+    rest.solve(steps=4)
+    np.testing.assert_allclose(rest.poses(), truth[25:], atol=2e-3)
+    np.testing.assert_allclose(graph.poses()[:25], truth[:25], atol=1e-3)
