@@ -70,6 +70,8 @@ class PoseGraph:
         """Give the keyframes so far their first place in the map; pins must follow before `solve`."""
         parameters = gtsam.ISAM2Params()
         parameters.relinearizeSkip = 1
+        # links along blind drifts are off by metres and turned by hundredths of a degree: too much for Cholesky
+        parameters.setFactorization("QR")
         parameters.setRelinearizeThreshold(0.01)
         self._isam = gtsam.ISAM2(parameters)
         self._new, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()

@@ -21,7 +21,7 @@ class Keyframe:
 
     index : number from 0. T_odom_imu : (4, 4). up_odom : (3,) unit vector against gravity.
     points : (n, 3) float32, deskewed and thinned, in the imu frame.
-    p_imu_sensor : (3,) where the lidar was.
+    p_imu_sensor : (3,) where the lidar was. way_std : of the way from the keyframe before [m].
     """
 
     index: int
@@ -30,6 +30,7 @@ class Keyframe:
     up_odom: Array
     points: NDArray[np.float32]
     p_imu_sensor: Array
+    way_std: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +67,7 @@ class Keyframes:
             -pose.state.g / np.linalg.norm(pose.state.g),
             voxel_means(pose.points, self.settings.voxel).astype(np.float32),
             pose.state.T_imu_lidar[:3, 3],
+            float(np.sqrt(np.trace(pose.since_keyframe[3:, 3:]))),
         )
         self.count += 1
         self._last.append(keyframe)
@@ -77,8 +79,10 @@ class Keyframes:
 
     @property
     def last(self) -> tuple[Keyframe, ...]:
-        """Those that are stacked, oldest first (paper 004 Eq. 20)."""
-        return tuple(self._last)
+        """Those that are stacked, oldest first (paper 004 Eq. 20): as far back as the way is known well enough."""
+        back = np.cumsum([0.0, *(keyframe.way_std for keyframe in reversed(self._last))])[: len(self._last)]
+        known = int(np.searchsorted(back, self.settings.stacked_std, side="right"))
+        return tuple(self._last)[-known:]
 
 
 def stacked(keyframes: Sequence[Keyframe]) -> Stack:

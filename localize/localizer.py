@@ -15,6 +15,7 @@ from localize.graph import PoseGraph
 from localize.hypotheses import carried
 from localize.keyframes import Keyframe, Keyframes
 from localize.legs import Leg, joined, trajectory
+from localize.links import LinkCovariances
 from localize.matcher import Expected, IntersectionMatcher, Place, Sight
 from localize.odometry import OdometryPose
 from localize.ranging import Ranging
@@ -163,6 +164,7 @@ class Localizer:
         self._sightings = Sightings(self.rig, self.settings.sightings, self._shift)
         self._keyframes.forget()
         self._at, self._judged = None, -1
+        self._links = LinkCovariances(self.settings.graph, self.settings.degeneracy.scan)
         self._breaks.begin_again()
         self._watch.begin_again()
         self._legs.append(Leg(PoseGraph(self.settings.graph), self._keyframes.count))
@@ -191,27 +193,14 @@ class Localizer:
 
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
         keyframe = self._keyframes.add(pose)
-        self._graph.add_keyframe(
-            keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._link_covariance(pose)
-        )
+        self._graph.add_keyframe(keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._links.of(pose))
+        self._links.keyframe(pose)
         self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
         self._counts["keyframes"] += 1
         if self._at is not None:
             self._at = carried(self._at, *self._graph.link(len(self._graph) - 1))
             self._pins_dirty = True
         return keyframe
-
-    def _link_covariance(self, pose: OdometryPose) -> Array:
-        """Covariance of the pose relative to the last keyframe, such that a chain of them adds up honestly.
-
-        The filter's own is right for one link (measured on rough and smooth walls), but one link's error in position
-        tends to be the next one's as well: along a smooth drift nearly the whole error goes one way.
-        """
-        g = self.settings.graph
-        drift = np.repeat([g.drift_rotation, g.drift_position], 3) ** 2
-        stretch = np.repeat([1.0, np.sqrt(g.link_correlation)], 3)
-        covariance: Array = pose.since_keyframe * np.outer(stretch, stretch) + np.diag(drift)
-        return covariance
 
     def _look_for_intersections(self) -> None:
         """Have the newest keyframe looked at, in view of where the robot is, or may be, as far as is known now."""
@@ -414,7 +403,7 @@ class Localizer:
         if not self._referenced:
             self._realtime_track.append((pose.stamp_ns, T_odom_imu))
         elif self._at is not None and state == "tracking":
-            now = self._at if pose.keyframe else carried(self._at, pose.T_keyframe_imu, self._link_covariance(pose))
+            now = self._at if pose.keyframe else carried(self._at, pose.T_keyframe_imu, self._links.of(pose))
             T_map_imu, covariance = shifted(now.T_map_imu[None], self._shift)[0], now.covariance
             self._realtime_track.append((pose.stamp_ns, T_map_imu))
         return Update(pose.stamp_ns, T_odom_imu, T_map_imu, covariance, state)

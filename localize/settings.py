@@ -71,7 +71,9 @@ class KeyframeSettings(Settings):
     angle: PositiveFloat = 0.35
     """Least angle to the last keyframe, ε_θ [rad]."""
     stacked: PositiveInt = 15
-    """Keyframes stacked for the descriptors, N_his."""
+    """Keyframes stacked for the descriptors, N_his, at the most."""
+    stacked_std: PositiveFloat = 0.15
+    """The way from the oldest of them is known this well; where odometry slides, older ones would blur it [m]."""
     voxel: PositiveFloat = 0.15
     """Keyframe clouds are averaged over voxels of this edge [m]."""
 
