@@ -10,8 +10,10 @@ _ROCK_VARIANCE, _ROCK_POINTS = 0.03**2, 10
 """How rough rock is taken to be [m²] until this many points have told: between a few scan lines anything may be."""
 _SHARED = 3.0
 """Points that came with one scan share the error of its pose: so many count as one for how a normal leans."""
-_CURVATURE = 0.4
-"""How much the rock may bend beyond what a plane was fitted to: roadways are some 2.5 m in radius [1/m]."""
+_BEYOND = 6.0
+"""How far from its points a shape is believed, as the square of their standard deviations: 6 is the corner of an evenly
+filled square. Beyond it rock bends; and where a robot that moves off sees the floor line by line, slopes drawn out to
+the next line would carry one error on and on."""
 _BIAS = 1 << 20  # cells are numbered from -2^20 to 2^20 on each axis
 
 
@@ -268,7 +270,7 @@ def point_to_shape(
     b[:] = 0.0
     B[:, :] = 0.0
     C[:, :] = 0.0
-    h, bent = np.empty(6), np.zeros(6)
+    h = np.empty(6)
     ox = R[0, 0] * p_imu_lidar[0] + R[0, 1] * p_imu_lidar[1] + R[0, 2] * p_imu_lidar[2] + p[0]
     oy = R[1, 0] * p_imu_lidar[0] + R[1, 1] * p_imu_lidar[1] + R[1, 2] * p_imu_lidar[2] + p[1]
     oz = R[2, 0] * p_imu_lidar[0] + R[2, 1] * p_imu_lidar[1] + R[2, 2] * p_imu_lidar[2] + p[2]
@@ -287,13 +289,13 @@ def point_to_shape(
         if c < 0:
             continue
         dx, dy, dz = x - mean[c, 0], y - mean[c, 1], z - mean[c, 2]
-        # the shape is known best amid its points, and the less the farther beyond them
-        beyond, arc = 0.0, 0.0
+        # the shape is known best amid its points, and the less the farther beyond them; far beyond, nothing is known
+        beyond = 0.0
         for k in range(rows[c], 3):
             u = axes[c, k]
-            along2 = (u[0] * dx + u[1] * dy + u[2] * dz) ** 2
-            beyond += scale[c, k] ** 2 * along2
-            arc += along2 - 1.0 / scale[c, k] ** 2
+            beyond += (scale[c, k] * (u[0] * dx + u[1] * dy + u[2] * dz)) ** 2
+        if beyond > _BEYOND:
+            continue
         rx, ry, rz = x - ox, y - oy, z - oz
         range2 = rx * rx + ry * ry + rz * rz
         used = False
@@ -321,12 +323,10 @@ def point_to_shape(
                 met[shapes - 1] = c
                 pulls[2 * shapes - 2 : 2 * shapes] = 0.0
             pull = pulls[2 * (mark[c] - 1) + k]
-            facing = -0.5 * arc if nx * rx + ny * ry + nz * rz > 0.0 else 0.5 * arc
             for row in range(6):
                 hw = h[row] * weight
                 b[row] -= hw * r
                 pull[row] += hw
-                bent[row] += hw * facing
                 for column in range(row, 6):
                     A[row, column] += hw * h[column]
             # by how much a shape is off where the points met it, in the mean weighted as they are
@@ -337,9 +337,6 @@ def point_to_shape(
             used = True
         if used:
             matched += 1
-    for row in range(6):
-        for column in range(row, 6):
-            B[row, column] += _CURVATURE**2 * bent[row] * bent[column]
     for k in range(2 * shapes):
         if pulls[k, 7] > 0.0:
             shape2 = pulls[k, 6] / pulls[k, 7]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,13 +25,15 @@ _USUAL, _REPEATED = 0.95, 0.10
 def still_seconds(scans: Sequence[Scan]) -> float:
     """How long the robot stays where it was in the first scan [s]; 0 where it moves or the scans hold too little.
 
+    scans : in order of time, not deskewed.
+
     Noise, dust and a pattern that does not repeat make ranges differ as much from one scan to the next as to the tenth;
-    motion makes them differ ever more. Of a motion along a tunnel without any structure ranges tell nothing, of course.
+    motion makes them differ ever more. Of a steady motion along a tunnel without any structure ranges tell nothing.
     """
     if len(scans) < 2 or any(len(scan.points) < _ASKED // 4 for scan in scans):
         return 0.0
     first, near, still_ns = _Ranges(scans[0]), np.empty(0), scans[0].end_ns
-    for before, scan in zip(scans, scans[1:], strict=False):
+    for before, scan in pairwise(scans):
         near = np.concatenate([near, _Ranges(before).differences(scan)])
         far = first.differences(scan)
         if not len(far) or np.mean(far > np.quantile(near, _USUAL)) > _REPEATED:
@@ -51,7 +54,7 @@ class _Ranges:
         rays, ranges = _polar(scan.thinned(_ASKED))
         away, at = self.tree.query(rays, distance_upper_bound=_SAME_RAY)
         same = np.isfinite(away)
-        return np.abs(ranges[same] - self.ranges[at[same]])
+        return np.asarray(np.abs(ranges[same] - self.ranges[at[same]]))
 
 
 def _polar(scan: Scan) -> tuple[Array, Array]:

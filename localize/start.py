@@ -1,4 +1,7 @@
-"""The start, from rest or in motion: the first stretch is run several times until speed and vertical fit it."""
+"""The start, from rest or in motion: the first stretch is run several times until speed and vertical fit it.
+
+At rest the scans repeat themselves, and the speed is known before.
+"""
 
 from __future__ import annotations
 
@@ -50,20 +53,25 @@ class StartingOdometry:
             return []
         held, self._held = self._held, []
         R = rotation_between(np.mean([sample.accel for sample in imu], axis=0), _UP)
-        v, speed = np.zeros(3), _first_speed(held)
-        still_s = still_seconds([m for m in held if isinstance(m, Scan)])
-        velocity_std = min(self.settings.start_velocity_std, MOVED_M / max(still_s, 1e-9))
+        velocity_std = self._velocity_std(held)
         at_rest = velocity_std < self.settings.start_velocity_std
+        v, speed = np.zeros(3), _first_speed(held)
         if speed is not None and self.rig.wheel is not None and not at_rest:
             v = R @ self.rig.wheel.T_imu_wheel[:3, 0] * speed
         poses: list[OdometryPose] = []
         for _ in range(_PASSES):
-            self.odometry = Odometry(self.rig, self.settings, self.keyframes, self._filter(R, v, imu[0].stamp_ns, velocity_std))
+            start = self._filter(R, v, imu[0].stamp_ns, velocity_std)
+            self.odometry = Odometry(self.rig, self.settings, self.keyframes, start)
             self.T_odom_start = se3(R, np.zeros(3))
             poses = [pose for m in held if _usable(m, imu[0].stamp_ns) for pose in self.odometry.add(m)]
             R, refined = self._refined(R, v, poses, imu)
             v = v if at_rest else refined
         return poses
+
+    def _velocity_std(self, held: list[Measurement]) -> float:
+        """What is known of the speed at the start [m/s]: at rest, that a motion would have shown in the scans."""
+        still_s = still_seconds([m for m in held if isinstance(m, Scan)])
+        return min(self.settings.start_velocity_std, MOVED_M / max(still_s, 1e-9))
 
     def _refined(self, R: Array, v: Array, poses: list[OdometryPose], imu: list[ImuSample]) -> tuple[Array, Array]:
         """Start attitude and velocity that the first stretch ended up with, carried back to its beginning."""
