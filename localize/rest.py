@@ -21,9 +21,12 @@ _USUAL, _REPEATED = 0.95, 0.10
 """Of the differences between scans that follow one another 5 % are larger than their 95 % quantile. Where more than
 10 % of those to the first scan are, the robot has moved. Measured: at most 7 % at rest, 15 to 50 % after 0.1 m."""
 
+_LEAST_S = 0.5
+"""Over less no motion shows [s]: the second scan differs from the first as any two."""
+
 
 def still_seconds(scans: Sequence[Scan]) -> float:
-    """How long the robot stays where it was in the first scan [s]; 0 where it moves or the scans hold too little.
+    """How long the robot stays where it was in the first scan [s]; 0 where it moves, or they hold or last too little.
 
     scans : in order of time, not deskewed.
 
@@ -39,7 +42,8 @@ def still_seconds(scans: Sequence[Scan]) -> float:
         if not len(far) or np.mean(far > np.quantile(near, _USUAL)) > _REPEATED:
             break
         still_ns = scan.end_ns
-    return (still_ns - scans[0].end_ns) * 1e-9
+    still_s = (still_ns - scans[0].end_ns) * 1e-9
+    return still_s if still_s >= _LEAST_S else 0.0
 
 
 class _Ranges:
