@@ -23,6 +23,7 @@ from rich.console import Console
 
 from localize import LocalizationResult, Localizer
 from semmap import database
+from semmap.geometry import Array
 from semmap.intersections import SemanticMap
 from semmap.measurements import ImuSample, Measurement, Scan
 from semmap.rig import Rig
@@ -204,7 +205,7 @@ def starts(flight: Recorded, there: SemanticMap, count: int, at_most: float) -> 
 
 def _found(flight: Recorded, there: SemanticMap, truth: Trajectory, first: int, at_most: float) -> Found:
     localizer, begin_ns = _localizer(flight, there), int(flight.stamps_ns[first])
-    flown, before = 0.0, truth.at(flight.stamps_ns[first : first + 1])[0, :3, 3]
+    flown, before = 0.0, _position(truth, begin_ns)
     found, error = False, float("nan")
     stamp_ns = begin_ns
     for measurement in measurements(flight, first):
@@ -212,7 +213,7 @@ def _found(flight: Recorded, there: SemanticMap, truth: Trajectory, first: int, 
         if update is None:
             continue
         stamp_ns = update.stamp_ns
-        true = truth.at(np.array([stamp_ns]))[0, :3, 3]
+        true = _position(truth, stamp_ns)
         flown, before = flown + float(np.linalg.norm(true - before)), true
         if update.T_map_imu is not None:
             found, error = True, float(np.linalg.norm(update.T_map_imu[:3, 3] - true))
@@ -221,6 +222,14 @@ def _found(flight: Recorded, there: SemanticMap, truth: Trajectory, first: int, 
     window = (truth.stamps_ns >= begin_ns) & (truth.stamps_ns <= stamp_ns)
     passed = len(list(_passes(there, Trajectory("map", truth.stamps_ns[window], truth.poses[window]))))
     return Found((begin_ns - int(flight.stamps_ns[0])) * 1e-9, found, flown, passed, error)
+
+
+def _position(truth: Trajectory, stamp_ns: int) -> Array:
+    """True position (3,) at one time, from its neighbours in a long track."""
+    after = int(np.clip(np.searchsorted(truth.stamps_ns, stamp_ns), 1, len(truth) - 1))
+    near = slice(after - 1, after + 1)
+    position: Array = Trajectory("map", truth.stamps_ns[near], truth.poses[near]).at(np.array([stamp_ns]))[0, :3, 3]
+    return position
 
 
 def _tell_starts(found: Iterator[Found], out: Path) -> None:
