@@ -5,8 +5,8 @@ from numba import njit
 
 EMPTY = np.int64(-1)
 COUNT, MEAN, ROWS, VARIANCE, SCALE, AXES, SCATTER, CELL = 0, 1, 4, 5, 6, 9, 18, 24
-"""Columns of a cell: how many points, their mean (3), the kind of shape, variance across it, scale (3), axes (3 by 3) and
-scatter (6). They stand side by side, so that a cell is fetched from memory once."""
+"""Columns of a cell: how many points, their mean (3), the kind of shape, variance across it, scale (3), axes (3 by 3)
+and scatter (6). They stand side by side, so that a cell is fetched from memory once."""
 PLANES, PLANES_AND_EDGES, EDGES = 0, 1, 2
 _PLANE_RATIO, _EDGE_RATIO = 0.37, 2.1  # paper 002, Eq. 30
 _ROCK_VARIANCE, _ROCK_POINTS = 0.03**2, 10
