@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from semmap.geometry import Array
 from tools.report.figures import BLUE, GREEN, LINE, ORANGE, PINK, RED, SKY, YELLOW, look, plain_numbers, svg
 
-BAND_COLOURS = {"unknown": LINE, "tracking": GREEN, "suspect": RED}
-MORE_COLOURS = (SKY, ORANGE, PINK, BLUE, YELLOW)
+BAND_COLOURS = {"unknown": LINE, "tracking": GREEN, "suspect": ORANGE, "lost": RED}
+MORE_COLOURS = (SKY, PINK, BLUE, YELLOW)
 
 
 @dataclass(frozen=True, slots=True)
