@@ -55,8 +55,8 @@ def align_ranges(p_level: Array, anchors: Array, distances: Array, std: float) -
     """Heading and translation from ranges (n,) of the tag at ``p_level`` (n, 3) to anchors (n, 3) in the map.
 
     None where fewer than a good part of the ranges fit, or where a second place fits as well: behind the plane of the
-    anchors the track has a mirror image, which only a track that gravity tells from it rules out. A second place very
-    near adds to the deviation.
+    anchors the track has a mirror image, which only a track that gravity tells from it rules out. Between two places
+    very near one another the middle is taken.
     """
     if len(distances) < 12 or len(np.unique(anchors, axis=0)) < 3:
         return None
@@ -78,8 +78,9 @@ def align_ranges(p_level: Array, anchors: Array, distances: Array, std: float) -
     if np.mean(np.abs(residual(best.x)) > 3.0) > _BAD_PART:
         return None
     as_well = [one.x for one in found if one.cost < 1.5 * best.cost + 10.0]
-    off_m = max(float(np.linalg.norm(x[1:] - best.x[1:])) for x in as_well)
-    if off_m > _SAME_M or min(np.cos(x[0] - best.x[0]) for x in as_well) < _SAME_COS:
+    farthest = max(as_well, key=lambda x: float(np.linalg.norm(x[1:] - best.x[1:])))
+    half = 0.5 * (farthest[1:] - best.x[1:])
+    if 2.0 * np.linalg.norm(half) > _SAME_M or min(np.cos(x[0] - best.x[0]) for x in as_well) < _SAME_COS:
         return None
     information = best.jac.T @ best.jac
     if np.linalg.cond(information) > 1e12:
@@ -87,9 +88,9 @@ def align_ranges(p_level: Array, anchors: Array, distances: Array, std: float) -
     covariance = np.linalg.inv(information)
     R = yaw_rotation(best.x[0])
     return Alignment(
-        se3(R, best.x[1:] - R @ middle),
+        se3(R, best.x[1:] + half - R @ middle),
         float(np.sqrt(covariance[0, 0])),
-        float(np.hypot(np.sqrt(np.linalg.eigvalsh(covariance[1:, 1:])[-1]), off_m)),
+        float(np.hypot(np.sqrt(np.linalg.eigvalsh(covariance[1:, 1:])[-1]), np.linalg.norm(half))),
     )
 
 

@@ -27,8 +27,8 @@ from tools.tables import text_table
 
 OFF_M, OFF_DEG = 0.05, 2.0
 MOTIONS = {
-    "coal-tunnel": SimulationSettings(duration_s=60.0),
-    "demo": SimulationSettings(duration_s=40.0, motion=MotionSettings(speed=1.2, wobble_deg=4.0)),
+    "coal-tunnel": SimulationSettings(duration_s=60.0, rolling=True),
+    "demo": SimulationSettings(duration_s=40.0, rolling=True, motion=MotionSettings(speed=1.2, wobble_deg=4.0)),
 }
 
 
