@@ -99,9 +99,7 @@ class Motion:
     duration_s : from standing still to standing still; length : of the path [m].
     """
 
-    def __init__(
-        self, controls: Array, settings: MotionSettings, seed: int, T_imu_wheel: Array | None = None
-    ) -> None:
+    def __init__(self, controls: Array, settings: MotionSettings, seed: int, T_imu_wheel: Array | None = None) -> None:
         self._origin = np.round(controls.mean(axis=0))
         self._T_imu_wheel = T_imu_wheel
         self._path = UniformSpline(controls - self._origin, CONTROL_STEP, ends="straight")
