@@ -70,6 +70,8 @@ class Localizer:
         self._odometry_track: list[tuple[int, Array]] = []
         self._realtime_track: list[tuple[int, Array]] = []
         self._keyframe_track: list[tuple[int, Array]] = []
+        self._unmoved: list[Array] = []
+        """Keyframe poses (4, 4) in odom, had no range ever moved it: one motion on top of the other."""
         self._events: list[Event] = []
         self._counts: dict[str, int] = {
             "scans": 0,
@@ -132,6 +134,7 @@ class Localizer:
             keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._link_covariance(pose)
         )
         self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
+        self._unmoved.append(self._unmoved[-1] @ pose.T_keyframe_imu if self._unmoved else pose.T_odom_imu)
         self._counts["keyframes"] += 1
         if self._graph.anchored:
             self._pins_dirty = True
@@ -175,7 +178,8 @@ class Localizer:
         self._set_state("tracking", self._keyframe_track[-1][0], "intersection proven")
 
     def _take_sightings(self, pose: OdometryPose) -> None:
-        sightings = self._sightings.reached(pose.stamp_ns, pose.T_odom_imu)
+        since = np.eye(4) if pose.keyframe else pose.T_keyframe_imu
+        sightings = self._sightings.reached(pose.stamp_ns, self._unmoved[-1] @ since)
         if not sightings or self._newest is None:
             return
         if self._graph.anchored:
@@ -236,12 +240,12 @@ class Localizer:
         """A range or fix as a factor on the keyframe before it, if it fits what is known (paper 000)."""
         stamps = [stamp for stamp, _ in self._keyframe_track]
         index = max(0, int(np.searchsorted(stamps, sighting.stamp_ns, side="right")) - 1)
-        p_imu = transform(inverse(self._keyframe_track[index][1]), sighting.p_odom[None])[0]
+        p_imu = transform(inverse(self._unmoved[index]), sighting.p_odom[None])[0]
         predicted = transform(self._graph.pose(index), p_imu[None])[0]
         error = predicted - sighting.p_map
         distance = self._true_distance(sighting)
         off = abs(np.linalg.norm(error) - distance)
-        s = self.settings.sightings
+        s = self.settings.ranges
         std = float(np.hypot(sighting.std, np.sqrt(np.trace(self._covariance[3:, 3:]))))
         if gate and off > max(s.min_gate, s.max_innovation * std):
             kind = "prism" if sighting.anchor is None else "range"
