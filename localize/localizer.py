@@ -60,7 +60,7 @@ class Localizer:
         self._shift = _round_origin(rig, semantic_map)
         self._odometry = StartingOdometry(rig, self.settings.odometry, self.settings.keyframes)
         self._keyframes = Keyframes(self.settings.keyframes)
-        self._graph = PoseGraph(self.settings.graph)
+        self._graph = PoseGraph(self.settings.graph, range_bias_std=rig.uwb.bias_std if rig.uwb else 0.0)
         self._sightings = Sightings(rig, self.settings.sightings, self._shift)
         self._matcher = IntersectionMatcher(semantic_map, self.settings, self._shift) if semantic_map else None
         self._referenced = semantic_map is not None or rig.uwb is not None or rig.total_station is not None

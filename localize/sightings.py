@@ -131,7 +131,8 @@ class Sightings:
         s = self.settings
         fixes = [sighting for sighting in self._kept if sighting.anchor is None]
         ranges = [sighting for sighting in self._kept if sighting.anchor is not None]
-        for alignment in (_align_fixes(fixes, R_level_odom), _align_ranges(ranges, R_level_odom)):
+        bias_std = self.rig.uwb.bias_std if self.rig.uwb is not None else 0.0
+        for alignment in (_align_fixes(fixes, R_level_odom), _align_ranges(ranges, R_level_odom, bias_std)):
             if alignment and alignment.sure(yaw_std=s.align_yaw_std, position_std=s.align_position_std):
                 return alignment
         return None
@@ -144,9 +145,9 @@ def _align_fixes(fixes: list[Sighting], R_level_odom: Array) -> Alignment | None
     return align_fixes(p_odom @ R_level_odom.T, p_map, fixes[0].std)
 
 
-def _align_ranges(ranges: list[Sighting], R_level_odom: Array) -> Alignment | None:
+def _align_ranges(ranges: list[Sighting], R_level_odom: Array, bias_std: float) -> Alignment | None:
     if not ranges:
         return None
     p_odom, anchors = np.array([r.p_odom for r in ranges]), np.array([r.p_map for r in ranges])
     distances = np.array([r.distance for r in ranges])
-    return align_ranges(p_odom @ R_level_odom.T, anchors, distances, ranges[0].std)
+    return align_ranges(p_odom @ R_level_odom.T, anchors, distances, ranges[0].std, bias_std)

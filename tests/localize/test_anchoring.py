@@ -114,3 +114,20 @@ def test_mirror_image_behind_the_anchors_is_ruled_out_or_nothing_is_told(anchors
         middle = p.mean(axis=0)[None]
         assert np.linalg.norm(transform(found.T_map_level, middle) - transform(T, middle)) < 4.0 * found.position_std
         assert abs(turn_of(found.T_map_level) - 0.1) < 4.0 * found.yaw_std
+
+
+def test_biased_ranges_are_known_to_be_worth_less():
+    """Each anchor reads up to decimetres too long: the place is off by as much, and it is told."""
+    scores = []
+    for seed in range(12):
+        rng = np.random.default_rng([seed, 3])
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = yaw_rotation(0.7), [12.0, -0.2, 0.9]
+        p, anchors, distances = ranges(T, rng)
+        bias = rng.normal(size=4) * 0.1
+        found = align_ranges(p, anchors, distances + bias[np.arange(len(p)) % 4], 0.06, 0.1)
+        assert found is not None and found.position_std > 0.05
+        middle = p.mean(axis=0)[None]
+        off = transform(found.T_map_level, middle) - transform(T, middle)
+        scores.append(np.linalg.norm(off) / found.position_std)
+    assert np.sqrt(np.mean(np.square(scores))) < 1.8
