@@ -152,7 +152,7 @@ class SightingSettings(Settings):
     """Sightings that the first alignment looks at, at the most."""
     align_yaw_std: PositiveFloat = 0.03
     """The first alignment must be this sure of the heading [rad]."""
-    align_position_std: PositiveFloat = 0.2
+    align_position_std: PositiveFloat = 0.3
     """The first alignment must be this sure of the place [m]."""
 
 

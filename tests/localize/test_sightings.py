@@ -58,7 +58,7 @@ def test_a_long_rest_does_not_end_the_search_for_the_place():
     """The window is full of one spot long before the robot sets off."""
     anchors = {1: [2.0, 3.0, 2.5], 2: [9.0, -3.0, 0.5], 3: [15.0, 3.0, 1.0], 4: [5.0, -4.0, 3.0]}
     rig = Rig.model_validate(
-        {"imu": {"topic": "/imu"}, "uwb": {"topic": "/u", "range_std": 0.05, "p_imu_tag": [0, 0, 0], "anchors": anchors}}
+        {"imu": {"topic": "/imu"}, "uwb": {"topic": "/u", "p_imu_tag": [0, 0, 0], "anchors": anchors}}
     )
     sightings, T = Sightings(rig, SightingSettings(window=60), np.zeros(3)), np.eye(4)
     found, rng = [], np.random.default_rng(0)
