@@ -13,8 +13,8 @@ from tools.bench.coal_runs import OURS, placed
 from tools.report.figures import BLUE, FAINT, GREEN, INK, ORANGE, PINK, RED, SKY, YELLOW, look
 from tools.report.uncertainty import read_uncertainties
 
-_COLOURS = dict(zip(OURS, (GREEN, RED, SKY, ORANGE, BLUE), strict=True))
-_MORE = (PINK, YELLOW, FAINT)
+_COLOURS = dict(zip(OURS, (GREEN, RED, SKY, ORANGE, BLUE, PINK), strict=True))
+_MORE = (YELLOW, FAINT)
 _LEAST = 1e-5
 """[m²] the lower end of the variances' axis."""
 _MARGIN = 5.0
