@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from semmap.geometry import Array, se3, yaw_rotation
 
@@ -18,7 +18,8 @@ _HUBER = 1.5
 _BAD_PART = 0.3
 """More outliers than this and the solution is not believed."""
 _SAME_M = 0.5
-"""Solutions closer than this, at the track's middle, are one."""
+_SAME_COS = 0.98
+"""Solutions closer than this, at the track's middle and by the cosine of the headings' difference, are one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +41,7 @@ def align_fixes(p_level: Array, p_map: Array, std: float) -> Alignment | None:
         return None
     a, b = p_level - p_level.mean(axis=0), p_map - p_map.mean(axis=0)
     spread = float(np.sum(a[:, :2] ** 2))
-    yaw = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a[:, :2] * b[:, :2]))
-    R = yaw_rotation(float(yaw))
+    R = yaw_rotation(_turn_between(a, b))
     residual = b - a @ R.T
     # odometry's own error over the stretch comes on top of the instrument's
     noise = std + 0.005 * np.sqrt(spread / len(a))
@@ -51,40 +51,72 @@ def align_fixes(p_level: Array, p_map: Array, std: float) -> Alignment | None:
     return Alignment(T, noise / np.sqrt(spread), noise / np.sqrt(len(a)))
 
 
-def align_ranges(p_level: Array, anchors: Array, distances: Array, std: float) -> Alignment | None:
+def align_ranges(
+    p_level: Array, anchors: Array, distances: Array, std: float, bias_std: float = 0.0
+) -> Alignment | None:
     """Heading and translation from ranges (n,) of the tag at ``p_level`` (n, 3) to anchors (n, 3) in the map.
 
-    None where fewer than a good part of the ranges fit, or where a second place fits as well (a straight track beside
-    anchors in line has a mirror image).
+    std : [m] of a range; bias_std : [m] of what an anchor reads too long beside it, which is sought as well.
+    None where fewer than a good part of the ranges fit, or where a second place fits as well: behind the plane of the
+    anchors the track has a mirror image, which only a track that gravity tells from it rules out. Between two places
+    very near one another the middle is taken.
     """
-    if len(distances) < 12 or len(np.unique(anchors, axis=0)) < 3:
+    surveyed, source = np.unique(anchors, axis=0, return_inverse=True)
+    if len(distances) < 12 or len(surveyed) < 3:
         return None
+    biases = len(surveyed) if bias_std > 0.0 else 0
     middle = p_level.mean(axis=0)
     centred = p_level - middle
 
     def residual(x: Array) -> Array:
-        tags = centred @ yaw_rotation(x[0]).T + x[1:]
-        return np.asarray((np.linalg.norm(tags - anchors, axis=1) - distances) / std)
+        tags = centred @ yaw_rotation(x[0]).T + x[1:4]
+        off = (np.linalg.norm(tags - anchors, axis=1) - distances) / std
+        return np.concatenate([off + x[4:][source] * (bias_std / std), x[4:]]) if biases else np.asarray(off)
 
-    found = []
-    for yaw in np.linspace(-np.pi, np.pi, _STARTS, endpoint=False):
-        start = np.concatenate([[yaw], anchors.mean(axis=0) + [0.0, 0.0, -0.5]])
-        found.append(least_squares(residual, start, loss="huber", f_scale=_HUBER, x_scale=[0.1, 1.0, 1.0, 1.0]))
-    found.sort(key=lambda solution: solution.cost)
-    best = found[0]
+    def solved(start: Array) -> OptimizeResult:
+        x_scale = [0.1, *np.ones(3 + biases)]
+        return least_squares(
+            residual, np.append(start, np.zeros(biases)), loss="huber", f_scale=_HUBER, x_scale=x_scale
+        )
+
+    headings = np.linspace(-np.pi, np.pi, _STARTS, endpoint=False)
+    found = [solved(np.concatenate([[yaw], anchors.mean(axis=0) + [0.0, 0.0, -0.5]])) for yaw in headings]
+    best = min(found, key=lambda solution: solution.cost)
+    found += [solved(start) for start in _mirrored(best.x, centred, surveyed)]
+    best = min(found, key=lambda solution: solution.cost)
     if np.mean(np.abs(residual(best.x)) > 3.0) > _BAD_PART:
         return None
-    for other in found[1:]:
-        apart = np.linalg.norm(other.x[1:] - best.x[1:]) > _SAME_M or np.cos(other.x[0] - best.x[0]) < 0.98
-        if apart and other.cost < 1.5 * best.cost + 10.0:
-            return None
+    as_well = [one.x[:4] for one in found if one.cost < 1.5 * best.cost + 10.0]
+    farthest = max(as_well, key=lambda x: float(np.linalg.norm(x[1:] - best.x[1:4])))
+    half = 0.5 * (farthest[1:] - best.x[1:4])
+    if 2.0 * np.linalg.norm(half) > _SAME_M or min(np.cos(x[0] - best.x[0]) for x in as_well) < _SAME_COS:
+        return None
     information = best.jac.T @ best.jac
     if np.linalg.cond(information) > 1e12:
         return None
     covariance = np.linalg.inv(information)
     R = yaw_rotation(best.x[0])
     return Alignment(
-        se3(R, best.x[1:] - R @ middle),
+        se3(R, best.x[1:4] + half - R @ middle),
         float(np.sqrt(covariance[0, 0])),
-        float(np.sqrt(np.linalg.eigvalsh(covariance[1:, 1:])[-1])),
+        float(np.hypot(np.sqrt(np.linalg.eigvalsh(covariance[1:4, 1:4])[-1]), np.linalg.norm(half))),
     )
+
+
+def _mirrored(x: Array, centred: Array, surveyed: Array) -> list[Array]:
+    """Where the track's mirror images lie, as heading and place (4,): behind the plane nearest to the anchors, behind
+    the plane across it through their longest axis, and behind both."""
+    origin = surveyed.mean(axis=0)
+    axes = np.linalg.svd(surveyed - origin)[2]
+    track = centred @ yaw_rotation(x[0]).T
+    images = []
+    for across in (axes[2:], axes[1:2], axes[1:]):
+        mirror = np.eye(3) - 2.0 * across.T @ across
+        yaw = x[0] + _turn_between(track, track @ mirror)
+        images.append(np.concatenate([[yaw], origin + mirror @ (x[1:4] - origin)]))
+    return images
+
+
+def _turn_between(a: Array, b: Array) -> float:
+    """Turn about the vertical that takes points a (n, 3) onto b (n, 3) best."""
+    return float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a[:, :2] * b[:, :2])))

@@ -30,8 +30,10 @@ class PoseGraph:
     a body-fixed point to an anchor for UWB.
     """
 
-    def __init__(self, settings: GraphSettings) -> None:
+    def __init__(self, settings: GraphSettings, *, range_bias_std: float = 0.0) -> None:
+        """``range_bias_std``: what anchors may read too long [m]; to the graph they themselves lie off by it."""
         self.settings = settings
+        self._anchor_std = float(np.hypot(settings.anchor_std, range_bias_std))
         self.pins = 0
         self._T_odom: list[Array] = []
         self._up_imu: list[Array] = []
@@ -149,7 +151,7 @@ class PoseGraph:
         """Point ``p_imu`` of keyframe ``index`` is ``distance`` from an anchor (paper 000 Eq. 9)."""
         if anchor not in self._anchors:
             self._anchors.add(anchor)
-            surveyed = gtsam.noiseModel.Isotropic.Sigma(3, self.settings.anchor_std)
+            surveyed = gtsam.noiseModel.Isotropic.Sigma(3, self._anchor_std)
             self._new.add(gtsam.PriorFactorPoint3(_A(anchor), p_map_anchor, surveyed))
             self._values.insert(_A(anchor), p_map_anchor)
         noise = self._robust(gtsam.noiseModel.Isotropic.Sigma(1, std))
@@ -199,6 +201,7 @@ class PoseGraph:
     def split(self, index: int) -> PoseGraph:
         """A graph of its own of the keyframes from ``index`` on, without a place in the map."""
         rest = PoseGraph(self.settings)
+        rest._anchor_std = self._anchor_std
         rest._T_odom, rest._up_imu, rest._links = self._T_odom[index:], self._up_imu[index:], self._links[index:]
         return rest
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from localize.odometry import OdometryPose
 from localize.settings import KeyframeSettings
 from localize.voxel_map import voxel_means
 from semmap.geometry import Array, inverse, rotation_between, se3, transform
+
+_STILL = 1e-7
+"""Less than this [m, or 1] is rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +34,10 @@ class Keyframe:
     points: NDArray[np.float32]
     p_imu_sensor: Array
     way_std: float
+
+    def moved(self, T: Array) -> Keyframe:
+        """The keyframe as it lies after odom's ``T`` (4, 4) moved it."""
+        return replace(self, T_odom_imu=T @ self.T_odom_imu, up_odom=T[:3, :3] @ self.up_odom)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +66,11 @@ class Keyframes:
         self._last: deque[Keyframe] = deque(maxlen=settings.stacked)
 
     def add(self, pose: OdometryPose) -> Keyframe:
-        """Keep a scan."""
+        """Keep a scan. Where ranges moved odom since the last one, the others move along: they lie as they lay."""
+        if self._last:
+            moved = pose.T_odom_imu @ inverse(self._last[-1].T_odom_imu @ pose.T_keyframe_imu)
+            if not np.allclose(moved, np.eye(4), atol=_STILL):
+                self._last = deque((keyframe.moved(moved) for keyframe in self._last), self._last.maxlen)
         keyframe = Keyframe(
             self.count,
             pose.stamp_ns,

@@ -19,6 +19,7 @@ class Leg:
 
     graph : its keyframes. first_keyframe : the number of the first of them in the run.
     keyframes, odometry : stamps and poses ``T_odom_imu`` of its keyframes and of its scans.
+    unmoved : poses of its keyframes in odom, had no range or fix ever moved it: one motion on top of the other.
     pinned : ids of the intersections that pin it. last_pin_ns : stamp of the last keyframe that one pins.
     """
 
@@ -26,6 +27,7 @@ class Leg:
     first_keyframe: int
     keyframes: list[tuple[int, Array]] = field(default_factory=list)
     odometry: list[tuple[int, Array]] = field(default_factory=list)
+    unmoved: list[Array] = field(default_factory=list)
     pinned: set[int] = field(default_factory=set)
     last_pin_ns: int = 0
 
@@ -36,10 +38,10 @@ class Leg:
         """
         index = keyframe - self.first_keyframe
         begin_ns = self.keyframes[index][0]
-        rest = Leg(self.graph.split(index), keyframe, self.keyframes[index:])
+        rest = Leg(self.graph.split(index), keyframe, self.keyframes[index:], unmoved=self.unmoved[index:])
         rest.odometry = [pose for pose in self.odometry if pose[0] >= begin_ns]
         self.odometry = [pose for pose in self.odometry if pose[0] <= min(self.last_pin_ns, begin_ns - 1)]
-        self.keyframes = self.keyframes[:index]
+        self.keyframes, self.unmoved = self.keyframes[:index], self.unmoved[:index]
         return rest
 
     def smoothed(self) -> Trajectory:

@@ -167,7 +167,8 @@ class Localizer:
         self._links = LinkCovariances(self.settings.graph, self.settings.degeneracy.scan)
         self._breaks.begin_again()
         self._watch.begin_again()
-        self._legs.append(Leg(PoseGraph(self.settings.graph), self._keyframes.count))
+        bias_std = self.rig.uwb.bias_std if self.rig.uwb else 0.0
+        self._legs.append(Leg(PoseGraph(self.settings.graph, range_bias_std=bias_std), self._keyframes.count))
 
     def _reached(self, pose: OdometryPose) -> Update:
         """The steps of paper 004 section 3 for one scan."""
@@ -196,6 +197,8 @@ class Localizer:
         self._graph.add_keyframe(keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._links.of(pose))
         self._links.keyframe(pose)
         self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
+        unmoved = self._leg.unmoved
+        unmoved.append(unmoved[-1] @ pose.T_keyframe_imu if unmoved else pose.T_odom_imu)
         self._counts["keyframes"] += 1
         if self._at is not None:
             self._at = carried(self._at, *self._graph.link(len(self._graph) - 1))
@@ -276,7 +279,8 @@ class Localizer:
         self._share_ranges()
 
     def _take_sightings(self, pose: OdometryPose) -> None:
-        sightings = self._sightings.reached(pose.stamp_ns, pose.T_odom_imu)
+        since = np.eye(4) if pose.keyframe else pose.T_keyframe_imu
+        sightings = self._sightings.reached(pose.stamp_ns, self._leg.unmoved[-1] @ since)
         if not sightings or self._newest is None:
             return
         if self._graph.anchored:
@@ -336,12 +340,12 @@ class Localizer:
         """A range or fix as a factor on the keyframe before it, if it fits what is known (paper 000)."""
         stamps = [stamp for stamp, _ in self._keyframe_track]
         index = max(0, int(np.searchsorted(stamps, sighting.stamp_ns, side="right")) - 1)
-        p_imu = transform(inverse(self._keyframe_track[index][1]), sighting.p_odom[None])[0]
+        p_imu = transform(inverse(self._leg.unmoved[index]), sighting.p_odom[None])[0]
         predicted = transform(self._graph.pose(index), p_imu[None])[0]
         error = predicted - sighting.p_map
         distance = self._true_distance(sighting)
         off = abs(np.linalg.norm(error) - distance)
-        s = self.settings.sightings
+        s = self.settings.ranges
         std = float(np.hypot(sighting.std, self._at.position_std if self._at is not None else 0.0))
         if gate and off > max(s.min_gate, s.max_innovation * std):
             kind = "prism" if sighting.anchor is None else "range"

@@ -169,21 +169,17 @@ class SightingSettings(Settings):
     """Sightings that the first alignment looks at, at the most."""
     align_yaw_std: PositiveFloat = 0.03
     """The first alignment must be this sure of the heading [rad]."""
-    align_position_std: PositiveFloat = 0.2
+    align_position_std: PositiveFloat = 0.3
     """The first alignment must be this sure of the place [m]."""
-    max_innovation: PositiveFloat = 4.0
-    """A sighting off by more sigmas than this is refused."""
-    min_gate: PositiveFloat = 0.3
-    """A sighting off by less than this is not refused [m]."""
 
 
 class RangeSettings(Settings):
-    """UWB ranges on their way into the filter."""
+    """The check of UWB ranges, and of prism fixes, before filter or graph takes them."""
 
     max_innovation: PositiveFloat = 4.0
-    """A range off by more sigmas than this is refused."""
+    """What is off by more sigmas than this is refused."""
     min_gate: PositiveFloat = 0.3
-    """A range off by less than this is not refused [m]."""
+    """What is off by less than this is not refused [m]."""
     huber_sigmas: PositiveFloat = 2.0
     """Beyond this many sigmas a range weighs less."""
     max_speed: PositiveFloat = 3.0

@@ -13,6 +13,9 @@ from semmap.geometry import Array, interpolate_poses, transform
 from semmap.measurements import PrismFix, UwbRange
 from semmap.rig import Rig
 
+_NEW = 6
+"""Sightings, or a tenth of the last ones, after which the alignment is tried again."""
+
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
@@ -45,7 +48,7 @@ class Sightings:
         self._taken_ns: dict[int | None, int] = {}
         self._poses: deque[tuple[int, Array]] = deque(maxlen=100)
         self._kept: deque[Sighting] = deque(maxlen=settings.window)
-        self._tried = 0
+        self._sighted, self._tried = 0, 0
         self.unknown_anchors: set[int] = set()
         self.shared = False
         """Whether the filter takes its part of the ranges."""
@@ -102,6 +105,7 @@ class Sightings:
         at = interpolate_poses(stamps, poses, np.array([m.stamp_ns for m, _ in ready], np.int64))
         sightings = [self._sighting(m, T, alike) for (m, alike), T in zip(ready, at, strict=True)]
         self._kept.extend(sightings)
+        self._sighted += len(sightings)
         return sightings
 
     def _sighting(self, m: UwbRange | PrismFix, T_odom_imu: Array, alike: float) -> Sighting:
@@ -121,13 +125,14 @@ class Sightings:
 
     def align(self, R_level_odom: Array) -> Alignment | None:
         """Where gravity-levelled odom lies in the map, once the sightings tell it surely; None before."""
-        if len(self._kept) < self._tried + 6:
+        if self._sighted < self._tried + max(_NEW, len(self._kept) // 10):
             return None
-        self._tried = len(self._kept)
+        self._tried = self._sighted
         s = self.settings
         fixes = [sighting for sighting in self._kept if sighting.anchor is None]
         ranges = [sighting for sighting in self._kept if sighting.anchor is not None]
-        for alignment in (_align_fixes(fixes, R_level_odom), _align_ranges(ranges, R_level_odom)):
+        bias_std = self.rig.uwb.bias_std if self.rig.uwb is not None else 0.0
+        for alignment in (_align_fixes(fixes, R_level_odom), _align_ranges(ranges, R_level_odom, bias_std)):
             if alignment and alignment.sure(yaw_std=s.align_yaw_std, position_std=s.align_position_std):
                 return alignment
         return None
@@ -140,9 +145,9 @@ def _align_fixes(fixes: list[Sighting], R_level_odom: Array) -> Alignment | None
     return align_fixes(p_odom @ R_level_odom.T, p_map, fixes[0].std)
 
 
-def _align_ranges(ranges: list[Sighting], R_level_odom: Array) -> Alignment | None:
+def _align_ranges(ranges: list[Sighting], R_level_odom: Array, bias_std: float) -> Alignment | None:
     if not ranges:
         return None
     p_odom, anchors = np.array([r.p_odom for r in ranges]), np.array([r.p_map for r in ranges])
     distances = np.array([r.distance for r in ranges])
-    return align_ranges(p_odom @ R_level_odom.T, anchors, distances, ranges[0].std)
+    return align_ranges(p_odom @ R_level_odom.T, anchors, distances, ranges[0].std, bias_std)

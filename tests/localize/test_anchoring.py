@@ -77,3 +77,57 @@ def test_fixes_that_do_not_fit_or_do_not_move_are_not_believed():
     still = np.zeros((50, 3))
     found = align_fixes(still, still + 1.0, 0.002)
     assert found is None
+
+
+def turn_of(T):
+    return np.arctan2(T[1, 0], T[0, 0])
+
+
+LEVEL = np.array([[11.4, 1.7, 2.25], [16.7, 1.8, 2.25], [16.5, -1.5, 2.25], [11.5, -1.5, 2.25]])
+LEANING = np.array([[11.376, 1.694, 2.249], [16.678, 1.769, 2.247], [11.510, -1.532, 0.115]])
+UPRIGHT = np.array([[11.4, 1.7, 2.25], [16.7, 1.7, 0.3], [20.1, 1.7, 1.9]])
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("anchors", "climb", "bend", "told"),
+    [
+        (LEVEL, 0.0, 1.2, False),  # below or above the anchors?
+        (LEVEL, 0.1, 1.2, True),  # above them it would descend
+        (UPRIGHT, 0.0, 0.0, False),  # on which side of the wall?
+        (UPRIGHT, 0.0, 1.2, True),  # there it would bend the other way
+        (LEANING, 0.0, 1.2, True),
+    ],
+)
+def test_mirror_image_behind_the_anchors_is_ruled_out_or_nothing_is_told(anchors, climb, bend, told, seed):
+    rng = np.random.default_rng([seed, 7])
+    s = np.linspace(0.0, 1.0, 240)
+    p = np.stack([10.0 * s, bend * np.sin(4.0 * s), 10.0 * climb * s], axis=1)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = yaw_rotation(0.1), [10.0, -0.4, 0.9 - 5.0 * climb]
+    at = anchors[np.arange(len(p)) % len(anchors)]
+    distances = np.linalg.norm(transform(T, p) - at, axis=1) + 0.05 * rng.normal(size=len(p))
+    found = align_ranges(p, at, distances, 0.05)
+    sure = found is not None and found.sure(yaw_std=0.03, position_std=0.2)
+    assert sure == told
+    if sure:
+        middle = p.mean(axis=0)[None]
+        assert np.linalg.norm(transform(found.T_map_level, middle) - transform(T, middle)) < 4.0 * found.position_std
+        assert abs(turn_of(found.T_map_level) - 0.1) < 4.0 * found.yaw_std
+
+
+def test_biased_ranges_are_known_to_be_worth_less():
+    """Each anchor reads up to decimetres too long: the place is off by as much, and it is told."""
+    scores = []
+    for seed in range(12):
+        rng = np.random.default_rng([seed, 3])
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = yaw_rotation(0.7), [12.0, -0.2, 0.9]
+        p, anchors, distances = ranges(T, rng)
+        bias = rng.normal(size=4) * 0.1
+        found = align_ranges(p, anchors, distances + bias[np.arange(len(p)) % 4], 0.06, 0.1)
+        assert found is not None and found.position_std > 0.05
+        middle = p.mean(axis=0)[None]
+        off = transform(found.T_map_level, middle) - transform(T, middle)
+        scores.append(np.linalg.norm(off) / found.position_std)
+    assert np.sqrt(np.mean(np.square(scores))) < 1.8

@@ -52,3 +52,26 @@ def test_before_the_place_is_known_one_reading_a_moment_is_kept():
         assert not sightings.add(UwbRange(k * 100_000_000, 7, 5.0))
         sightings.reached(k * 100_000_000, np.eye(4))
     assert len(sightings.kept) == 20
+
+
+def test_a_long_rest_does_not_end_the_search_for_the_place():
+    """The window is full of one spot long before the robot sets off."""
+    anchors = {1: [2.0, 3.0, 2.5], 2: [9.0, -3.0, 0.5], 3: [15.0, 3.0, 1.0], 4: [5.0, -4.0, 3.0]}
+    rig = Rig.model_validate(
+        {"imu": {"topic": "/imu"}, "uwb": {"topic": "/u", "p_imu_tag": [0, 0, 0], "anchors": anchors}}
+    )
+    sightings, T = Sightings(rig, SightingSettings(window=60), np.zeros(3)), np.eye(4)
+    found, rng = [], np.random.default_rng(0)
+    for k in range(600):
+        p = np.array([max(0.0, 0.05 * (k - 400)), 0.4 * np.sin(0.05 * max(0, k - 400)), 0.0])
+        T[:3, 3] = p
+        for anchor, at in anchors.items():
+            distance = float(np.linalg.norm(p + [3.0, 0.0, 1.0] - at)) + 0.05 * rng.normal()
+            sightings.add(UwbRange(k * 100_000_000 + anchor, anchor, distance))
+        sightings.reached(k * 100_000_000 + 10, T.copy())
+        alignment = sightings.align(np.eye(3))
+        if alignment is not None:
+            found.append((k, alignment))
+    assert found and found[0][0] > 400
+    for _, alignment in found:
+        np.testing.assert_allclose(alignment.T_map_level[:3, 3], [3.0, 0.0, 1.0], atol=0.3)

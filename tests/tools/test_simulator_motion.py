@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from semmap.errors import InputFileError
-from semmap.geometry import Array, so3_exp, so3_log
+from semmap.geometry import Array, se3, so3_exp, so3_log
 from semmap.rig import STANDARD_GRAVITY
 from tools.simulator import MotionSettings, load_route, plan
 from tools.simulator.angles import Angles, direction
@@ -225,3 +225,25 @@ def test_bad_routes_are_refused(tmp_path: Path) -> None:
         checked_route(np.zeros((4, 4)))
     with pytest.raises(InputFileError, match="steeper than"):
         along(np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 60.0]]), MotionSettings(), 0)
+
+
+T_IMU_WHEEL = se3(so3_exp([0.02, -0.05, 0.1]), [-0.4, 0.3, -0.8])
+
+
+def test_a_rolling_wheel_goes_where_it_heads_and_takes_the_imu_along() -> None:
+    settings = MotionSettings(wobble_deg=4.0)
+    motion = Motion(control_points(plan("ramp").route_floor(), settings), settings, 3, T_IMU_WHEEL)
+    t, h = np.linspace(5.0, motion.duration_s - 5.0, 400), 1e-4
+    before, now, after = differences(motion, t, h)
+    velocity = now.point_velocity(T_IMU_WHEEL[:3, 3]) @ T_IMU_WHEEL[:3, :3]
+    assert velocity[:, 0].max() > 1.5
+    assert_allclose(velocity[:, 1:], 0.0, atol=1e-9)
+    assert_allclose(now.velocity, (after.position - before.position) / (2 * h), atol=2e-4)
+    assert_allclose(now.acceleration, (after.velocity - before.velocity) / (2 * h), atol=3e-3)
+    turn = so3_log(np.swapaxes(before.R_map_imu, 1, 2) @ after.R_map_imu) / (2 * h)
+    assert_allclose(now.angular_velocity, turn, atol=2e-4)
+    assert_allclose(now.angular_acceleration, (after.angular_velocity - before.angular_velocity) / (2 * h), atol=3e-2)
+    usual = Motion(control_points(plan("ramp").route_floor(), settings), settings, 3)(t)
+    assert np.linalg.norm(now.position - usual.position, axis=1).max() < 0.9
+    pitch = np.degrees(-np.arcsin(now.of(T_IMU_WHEEL).R_map_imu[:, 2, 0]))
+    assert pitch.std() > 2.0

@@ -230,6 +230,21 @@ def uwb_of(faults: dict[str, object], **more: float) -> list[UwbRange]:
     return of_type(UwbRange, simulate_measurements(flight(rig, PERFECT.model_copy(update=faults), **more)))
 
 
+def test_radios_are_as_badly_calibrated_as_the_rig_says() -> None:
+    rig = with_uwb(default_rig(), hall(), (0.0, 0.0, 2.0), max_range=60.0)
+    bad = rig.model_copy(update={"uwb": rig.uwb.model_copy(update={"bias_std": 0.2, "scale_std": 0.05})})
+    ranges = of_type(UwbRange, simulate_measurements(flight(rig, PERFECT, duration_s=30.0)))
+    biased = [
+        of_type(UwbRange, simulate_measurements(flight(bad, PERFECT.model_copy(update={"noise": n}), duration_s=30.0)))
+        for n in (0.0, 1.0)
+    ]
+    assert biased[0] == ranges
+    for anchor in rig.uwb.anchors:
+        true, read = (np.array([r.distance for r in one if r.anchor == anchor]) for one in (ranges, biased[1]))
+        scale, bias = np.polyfit(true, read, 1)
+        assert 0.0 < abs(scale - 1.0) < 0.2 and 0.0 < abs(bias) < 0.8
+
+
 def test_ranges_by_a_detour_are_long_and_change_no_other() -> None:
     straight = uwb_of({"uwb_nlos_bias": 2.0, "noise": 1.0}, duration_s=30.0)
     bent = uwb_of({"uwb_nlos_bias": 2.0, "noise": 1.0, "uwb_nlos_rate": 0.1}, duration_s=30.0)

@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from semmap.trajectory import Trajectory
 from tools import metrics
 from tools.bench.coal_runs import OURS, placed
-from tools.report.figures import FAINT, GREEN, INK, ORANGE, PINK, RED, SKY, YELLOW, look
+from tools.report.figures import BLUE, FAINT, GREEN, INK, ORANGE, PINK, RED, SKY, YELLOW, look
 from tools.report.uncertainty import read_uncertainties
 
-_COLOURS = dict(zip(OURS, (GREEN, RED, SKY, ORANGE), strict=True))
-_MORE = (PINK, YELLOW, FAINT)
+_COLOURS = dict(zip(OURS, (GREEN, RED, SKY, ORANGE, BLUE, PINK), strict=True))
+_MORE = (YELLOW, FAINT)
 _LEAST = 1e-5
 """[m²] the lower end of the variances' axis."""
 _MARGIN = 5.0

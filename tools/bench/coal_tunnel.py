@@ -28,7 +28,17 @@ from semmap.errors import SemmapError, SettingsError
 from semmap.trajectory import Trajectory
 from tools.bench.coal_events import Boundary, axis_errors_deg, boundaries
 from tools.bench.coal_figures import figures
-from tools.bench.coal_runs import FAULTS, OURS, Accuracy, Tunnel, accuracy, accuracy_of_run, localized, tunnel
+from tools.bench.coal_runs import (
+    ALWAYS,
+    FAULTS,
+    OURS,
+    Accuracy,
+    Tunnel,
+    accuracy,
+    accuracy_of_run,
+    localized,
+    tunnel,
+)
 from tools.bench.odometry import measured
 from tools.bench.peers import PEERS
 from tools.files import write_text
@@ -113,7 +123,7 @@ def through(
     with progress_bar("simulating") as progress:
         one = tunnel(options.length, seed, options.cache, progress)
     for system in systems:
-        for fault in FAULTS if options.faults and system in OURS else ("none",):
+        for fault in FAULTS if options.faults and system in OURS and system not in ALWAYS else ("none",):
             drive = our_drive(system, seed, fault, one, options) if system in OURS else peer(system, seed, one, options)
             say(one_line(drive))
             yield drive
@@ -125,8 +135,9 @@ def through(
 def our_drive(system: str, seed: int, fault: str, one: Tunnel, options: argparse.Namespace) -> Drive:
     """One of our configurations, its run directory kept."""
     settings = LocalizeSettings() if options.config is None else _localize_settings(options.config)
-    out = options.out / f"seed-{seed}" / "-".join([system.replace(" ", "-"), *([fault] if fault != "none" else [])])
-    summary = localized(one, out, without=OURS[system], faults=FAULTS[fault], settings=settings)
+    out = options.out / f"seed-{seed}" / "-".join([system, *([fault] if fault != "none" else [])]).replace(" ", "-")
+    faults = ALWAYS.get(system, FAULTS[fault])
+    summary = localized(one, out, without=OURS[system], faults=faults, settings=settings)
     if not len(Trajectory.load_tum(out / "trajectory.tum")):
         return Drive(system, seed, fault, failure="never found its place in the map")
     return Drive(

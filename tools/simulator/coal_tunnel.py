@@ -2,7 +2,8 @@
 
 The total station's centre is the origin, the tunnel runs along x. Anchors, the robot's start and the end of the UWB's
 reach are the paper's (section VI). What the paper leaves open is ours: where the outer tunnel ends, the section, and
-that the LiDAR sees 30 m only (dust, dark rock), so that in the middle of the inner tunnel neither end is in sight.
+that the LiDAR sees 30 m only (dust, dark rock), so that in the middle of the inner tunnel neither end is in sight, and
+that the radios are calibrated.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def coal_rig() -> Rig:
         range_std=0.02, p_imu_lidar=(0.05, 0.0, 0.12),
     )  # fmt: skip
     uwb = UwbBlock(
-        topic="/uwb/range", rate_hz=10, range_std=0.06, p_imu_tag=(-0.15, 0.0, 0.25),
+        topic="/uwb/range", rate_hz=10, range_std=0.06, bias_std=0.0, p_imu_tag=(-0.15, 0.0, 0.25),
         anchors={
             100: (11.376, 1.694, 2.249),
             101: (16.678, 1.769, 2.247),

@@ -97,7 +97,8 @@ def fly(
     settings, rig = driven_settings(mine, settings), rig or robot_of(mine).rig
     way = _floor_route(mine, route, settings.motion.height)
     controls = kept_clear(control_points(way.points, settings.motion), mine, progress or ignored)
-    motion = Motion(controls, settings.motion, seed)
+    wheel = rig.wheel.T_imu_wheel if settings.rolling and rig.wheel is not None else None
+    motion = Motion(controls, settings.motion, seed, wheel)
     check_inside(mine, motion, settings.motion.height)
     last = motion.duration_s if settings.duration_s is None else settings.start_s + settings.duration_s
     if settings.start_s >= motion.duration_s:

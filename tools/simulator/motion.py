@@ -7,11 +7,11 @@ is differenced.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from semmap.geometry import Array, se3
+from semmap.geometry import Array, inverse, se3
 from semmap.rig import STANDARD_GRAVITY
 from tools.simulator.angles import Angles, direction
 from tools.simulator.route import CONTROL_STEP
@@ -58,6 +58,25 @@ class MotionState:
         """Positions (n, 3) in the map frame of a point fixed to the body, ``p_imu`` (3,)."""
         return np.asarray(self.position + self.R_map_imu @ np.asarray(p_imu))
 
+    def of(self, T_imu_other: Array) -> MotionState:
+        """Motion of another frame (4, 4) that is fixed to the body."""
+        R, p = T_imu_other[:3, :3], T_imu_other[:3, 3]
+        w, a = self.angular_velocity, self.angular_acceleration
+        swung = np.cross(a, p) + np.cross(w, np.cross(w, p))
+        return MotionState(
+            self.point(p),
+            self.velocity + np.einsum("nij,nj->ni", self.R_map_imu, np.cross(w, p)),
+            self.acceleration + np.einsum("nij,nj->ni", self.R_map_imu, swung),
+            self.R_map_imu @ R,
+            w @ R,
+            a @ R,
+        )
+
+    def shaken(self, shake: Derivatives) -> MotionState:
+        """Moved by as much (n, 3), with its two derivatives."""
+        x, v, a = shake
+        return replace(self, position=self.position + x, velocity=self.velocity + v, acceleration=self.acceleration + a)
+
     def point_velocity(self, p_imu: Array) -> Array:
         """Velocities (n, 3) of that point, in the imu frame: ``R^T v + ω x p`` (paper 000, Eq. 10)."""
         v_imu = np.einsum("nji,nj->ni", self.R_map_imu, self.velocity)
@@ -72,14 +91,17 @@ class Motion:
     controls : (n, 3) control points of the path, half a metre apart, map frame; see `control_points`.
     settings : speed, limits, wobble, vibration.
     seed : of the phases of wobble and vibration.
+    T_imu_wheel : (4, 4) of a wheel that the robot stands on: it goes where it heads, and the floor's bumps pitch it;
+        else the IMU goes along the path, and roll and pitch are about it.
 
     Attributes
     ----------
     duration_s : from standing still to standing still; length : of the path [m].
     """
 
-    def __init__(self, controls: Array, settings: MotionSettings, seed: int) -> None:
+    def __init__(self, controls: Array, settings: MotionSettings, seed: int, T_imu_wheel: Array | None = None) -> None:
         self._origin = np.round(controls.mean(axis=0))
+        self._T_imu_wheel = T_imu_wheel
         self._path = UniformSpline(controls - self._origin, CONTROL_STEP, ends="straight")
         times, progress, self.length = _timetable(self._path, settings)
         count = int(np.ceil(times[-1] / _TIME_STEP)) + 1
@@ -99,30 +121,46 @@ class Motion:
         t = np.asarray(t, dtype=np.float64)
         q = tuple(self._progress(t, order)[:, None] for order in range(3))
         path = tuple(self._path(q[0][:, 0], order) for order in range(4))
-        position, velocity, acceleration = _in_time((path[0], path[1], path[2]), q)
-        shake = self._shaking(t)
+        if self._T_imu_wheel is not None:
+            path = self._over_bumps(path, q[0][:, 0])
         angles = self._angles(path, q) + Angles(*self._twisting(t))
-        return MotionState(
-            position + self._origin + shake[0],
-            velocity + shake[1],
-            acceleration + shake[2],
+        position, velocity, acceleration = _in_time((path[0], path[1], path[2]), q)
+        motion = MotionState(
+            position + self._origin,
+            velocity,
+            acceleration,
             angles.rotation(),
             angles.angular_velocity(),
             angles.angular_acceleration(),
         )
+        if self._T_imu_wheel is not None:
+            motion = motion.of(inverse(self._T_imu_wheel))
+        return motion.shaken(self._shaking(t))
+
+    def _over_bumps(self, path: tuple[Array, ...], q: Array) -> tuple[Array, ...]:
+        """The wheel's path, with three derivatives: below the IMU's, over bumps as steep as the wobble's pitch."""
+        assert self._T_imu_wheel is not None
+        slope, height = self._wobble(q), self._wobble.integral()(q)[0]
+        below = self._T_imu_wheel[2, 3]
+        up = (below - height[:, 1], -slope[0][:, 1], -slope[1][:, 1], -slope[2][:, 1])
+        return tuple(along + h[:, None] * [0.0, 0.0, 1.0] for along, h in zip(path, up, strict=True))
 
     def _angles(self, path: tuple[Array, ...], q: tuple[Array, ...]) -> Angles:
-        """Yaw along the path, pitch along its slope if that is followed, wobble of roll and pitch."""
+        """Yaw along the path, pitch along its slope if that is followed, wobble of roll and pitch.
+
+        A wheel follows the slope, and its pitch is the bumps'.
+        """
         x, y, z = ((path[1][:, axis], path[2][:, axis], path[3][:, axis]) for axis in range(3))
         yaw = direction(x, y)
         over_path = [np.zeros((len(q[0]), 3)) for _ in range(3)]
         for order in range(3):
             over_path[order][:, 2] = yaw[order]
-        if self._follow_slope:
+        on_wheel = self._T_imu_wheel is not None
+        if self._follow_slope or on_wheel:
             for order, slope in enumerate(direction(_length(x, y), z)):
                 over_path[order][:, 1] = -slope
         for order, wobble in enumerate(self._wobble(q[0][:, 0])):
-            over_path[order][:, :2] += wobble[:, :2]
+            over_path[order][:, : 1 if on_wheel else 2] += wobble[:, : 1 if on_wheel else 2]
         return Angles(*_in_time((over_path[0], over_path[1], over_path[2]), q))
 
 
@@ -140,6 +178,10 @@ class _Sines:
         frequencies = rng.uniform(band.min(), band.max(), size=(_WAVES, 3))
         amplitudes = rms * np.sqrt(2.0 / _WAVES) / frequencies**integrals
         return cls(frequencies, amplitudes, rng.uniform(0.0, 2.0 * np.pi, size=(_WAVES, 3)))
+
+    def integral(self) -> _Sines:
+        """Sines whose derivative these are."""
+        return _Sines(self.frequencies, self.amplitudes / self.frequencies, self.phases - 0.5 * np.pi)
 
     def __call__(self, x: Array) -> Derivatives:
         """Values (n, 3) and two derivatives at ``x`` (n,)."""

@@ -52,7 +52,7 @@ def default_rig() -> Rig:
 
 
 def with_uwb(rig: Rig, mine: Mine, p_map: ArrayLike, *, anchors: int = 4, max_range: float = 21.0) -> Rig:
-    """The rig with a UWB tag, and anchors on the rock round a point ``p_map`` (3,) in a roadway.
+    """The rig with a calibrated UWB tag, and anchors on the rock round a point ``p_map`` (3,) in a roadway.
 
     Raises `RigError` where fewer than ``anchors`` directions meet rock within the range.
     """
@@ -72,6 +72,7 @@ def with_uwb(rig: Rig, mine: Mine, p_map: ArrayLike, *, anchors: int = 4, max_ra
         topic="/uwb/range",
         rate_hz=10,
         range_std=0.06,
+        bias_std=0.0,
         p_imu_tag=(0.0, 0.0, 0.25),
         anchors={_ANCHOR_IDS + index: _triple(position) for index, position in enumerate(at)},
         center=_triple(p),

@@ -89,6 +89,7 @@ class SimulationSettings(Settings):
 
     start_s : what is cut off the beginning; more than the time at rest, and the recording starts in motion.
     duration_s : length of the recording, to the end of the route if None.
+    rolling : the robot stands on its wheel, see `Motion`.
     map : of the prior map.
     """
 
@@ -96,4 +97,5 @@ class SimulationSettings(Settings):
     faults: SensorFaults = SensorFaults()
     start_s: NonNegativeFloat = 0.0
     duration_s: PositiveFloat | None = None
+    rolling: bool = False
     map: SurveySettings = SurveySettings()

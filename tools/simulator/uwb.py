@@ -1,4 +1,7 @@
-"""UWB ranges: with line of sight, through rock with an excess, and now and then nonsense."""
+"""UWB ranges: with line of sight, through rock with an excess, and now and then nonsense.
+
+Radios are as badly calibrated as the rig says: each anchor reads too long by a bias, all of them by a share.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,11 @@ from semmap.rig import UwbBlock
 from tools.simulator.flight import Flight, Stamps
 
 RATE_HZ = 10.0
-_SENSOR, _DETOURS = 4, 6
+_SENSOR, _DETOURS, _CALIBRATION = 4, 6, 7
 _REACH = 60.0
 """[m] of the radio where the rig sets no ``max_range``."""
+_LEAST = 1e-3
+"""[m] the shortest that a radio reads."""
 _ROCK_DEPTH = 4.0
 """[m] behind the first rock at which 37 % of the ranges still arrive."""
 
@@ -26,11 +31,13 @@ def uwb_ranges(flight: Flight) -> Iterator[UwbRange]:
     if block is None:
         return
     rng, detours = flight.rng(_SENSOR), flight.rng(_DETOURS)
-    found = [
-        reading
-        for index, (anchor, p_map) in enumerate(block.anchor_positions().items())
-        for reading in _ranges_to(flight, block, anchor, p_map, index / len(block.anchors), rng, detours)
-    ]
+    calibration = flight.rng(_CALIBRATION)
+    scale = 1.0 + flight.faults.noise * block.scale_std * calibration.normal()
+    found: list[UwbRange] = []
+    for index, (anchor, p_map) in enumerate(block.anchor_positions().items()):
+        bias = flight.faults.noise * block.bias_std * calibration.normal()
+        readings = _ranges_to(flight, block, anchor, p_map, index / len(block.anchors), rng, detours)
+        found += [UwbRange(one.stamp_ns, anchor, max(scale * one.distance + bias, _LEAST)) for one in readings]
     yield from sorted(found, key=lambda reading: reading.stamp_ns)
 
 
