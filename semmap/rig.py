@@ -136,6 +136,17 @@ class TotalStationBlock(SensorBlock):
     q_imu_prism_xyzw: Quaternion = _IDENTITY
 
 
+class EarthBlock(BaseModel):
+    """Where the mine is, for IMUs that feel the earth turn.
+
+    ``latitude_deg``: north is positive. ``grid_bearing_deg``: direction of the map's +y, clockwise from true north.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    latitude_deg: FiniteFloat = Field(ge=-89.0, le=89.0)
+    grid_bearing_deg: FiniteFloat = 0.0
+
+
 class Rig(BaseModel):
     """The sensors of one robot. The IMU is the body frame and must be there."""
 
@@ -146,6 +157,7 @@ class Rig(BaseModel):
     wheel: WheelBlock | None = None
     uwb: UwbBlock | None = None
     total_station: TotalStationBlock | None = None
+    earth: EarthBlock | None = None
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> Self:
