@@ -67,9 +67,10 @@ def estimate_clock_offset(
     if len(fixes) < 10 or len(trajectory) < 10:
         what = f"{len(fixes)} fixes and {len(trajectory)} poses do not tell the clock offset"
         raise MeasurementError(what, field="fixes", mend="track the prism for a while in motion")
-    prism = trajectory.positions + trajectory.poses[:, :3, :3] @ np.asarray(p_imu_prism)
+    prism: Array = trajectory.positions + trajectory.poses[:, :3, :3] @ np.asarray(p_imu_prism)
     zero_ns, origin_ns = int(trajectory.stamps_ns[0]), int(stamps[0])
-    track_t, fix_t = (trajectory.stamps_ns - zero_ns) * 1e-9, (stamps - origin_ns) * 1e-9
+    track_t: Array = (trajectory.stamps_ns - zero_ns) * 1e-9
+    fix_t: Array = (stamps - origin_ns) * 1e-9
     coarse = _coarse(_speeds(track_t, prism, np.inf), _speeds(fix_t, points, _GAP_S))
     offset_s, std_s, residual_m = _refined(coarse, track_t, prism, fix_t, points, point_std)
     if std_s > _MAX_STD_S:

@@ -72,7 +72,7 @@ def _csv(path: Path, lines: list[str]) -> Iterator[Fix]:
 
 
 def _gsi(path: Path, lines: list[str]) -> Iterator[Fix]:
-    """Fixes of the measurement blocks; blocks without the three coordinates (codes, angles alone) are passed over."""
+    """Fixes of the measurement blocks; blocks without the three coordinates (codes, angles) are passed over."""
     for number, line in enumerate(lines, 1):
         words = {match[1]: match for word in line.lstrip("* ").split() if (match := _WORD.fullmatch(word))}
         if not all(axis in words for axis in _AXES):
