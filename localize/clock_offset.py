@@ -69,14 +69,17 @@ def estimate_clock_offset(
         raise MeasurementError(what, field="fixes", mend="track the prism for a while in motion")
     prism: Array = trajectory.positions + trajectory.poses[:, :3, :3] @ np.asarray(p_imu_prism)
     zero_ns, origin_ns = int(trajectory.stamps_ns[0]), int(stamps[0])
-    track_t: Array = (trajectory.stamps_ns - zero_ns) * 1e-9
-    fix_t: Array = (stamps - origin_ns) * 1e-9
+    track_t, fix_t = (_seconds(at, zero) for at, zero in ((trajectory.stamps_ns, zero_ns), (stamps, origin_ns)))
     coarse = _coarse(_speeds(track_t, prism, np.inf), _speeds(fix_t, points, _GAP_S))
     offset_s, std_s, residual_m = _refined(coarse, track_t, prism, fix_t, points, point_std)
     if std_s > _MAX_STD_S:
         what = f"motion is too even to tell the clock offset (std {std_s:.2g} s)"
         raise MeasurementError(what, field="fixes", mend="stop and start a few times while the prism is tracked")
     return ClockOffset((zero_ns - origin_ns) * 1e-9 + offset_s, std_s, residual_m)
+
+
+def _seconds(stamps_ns: NDArray[np.int64], zero_ns: int) -> Array:
+    return np.asarray((stamps_ns - zero_ns) * 1e-9, dtype=np.float64)
 
 
 def _speeds(t: Array, p: Array, gap_s: float) -> tuple[Array, NDArray[np.bool_]]:

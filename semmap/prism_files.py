@@ -95,7 +95,7 @@ def _metres(word: re.Match[str]) -> float:
 
 
 def _gsi_time(first: str, second: str) -> int:
-    """Nanoseconds of ``YYSSmmm.`` and ``MMDDhhmm``: the eight digits of a GSI-8 word, the last eight of a GSI-16 one."""
+    """Nanoseconds of ``YYSSmmm.`` and ``MMDDhhmm``, the (last) eight digits of the two words."""
     year, second_, millisecond = int(first[-8:-6]), int(first[-6:-4]), int(first[-4:-1])
     month, day, hour, minute = (int(second[-8:][k : k + 2]) for k in (0, 2, 4, 6))
     at = datetime(2000 + year, month, day, hour, minute, second_, tzinfo=UTC)

@@ -234,6 +234,27 @@ def localize(
     typer.echo(f"{outcome(summary)}: {out}")
 
 
+@app.command("calibrate-imu", epilog=EPILOG)
+def calibrate_imu(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="With a minute or more at rest.")],
+    rig: Annotated[Path, typer.Option(metavar="rig.yaml", help="The robot's sensors.")],
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Another rig file to write instead.")] = None,
+) -> None:
+    """Find an IMU's noise from a stretch at rest, and write it into the rig file.
+
+    Engines may run; the stretch is found by itself. Ten minutes tell the bias walks, one minute hardly.
+    """
+    from tools.calibrate import calibrate_recording, report_lines
+    from tools.progress import progress_bar
+
+    target = rig if out is None else out
+    with progress_bar("reading") as progress:
+        found = calibrate_recording(recording, rig, target, progress=progress)
+    for line in report_lines(found):
+        typer.echo(line)
+    typer.echo(f"noise of the imu: {target}")
+
+
 @app.command(epilog=EPILOG)
 def evaluate(
     run: Annotated[Path, typer.Argument(metavar="DIR", help="The --out directory of `semmap localize`.")],
