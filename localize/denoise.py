@@ -102,14 +102,14 @@ def soft_threshold(mode: Array, threshold: float) -> Array:
 
 
 def slow_part(values: Array, rate_hz: float, motion_hz: float) -> Array:
-    """``values`` (n, c) averaged over a Hann window of 1 / ``motion_hz``; the ends are turned over about their points.
+    """``values`` (n, c) averaged over a Hann window of 1 / ``motion_hz``; the ends are mirrored.
 
     Passes motion slower than ``motion_hz``, and half of it there; of a tone of f it leaves (motion_hz / f)³ / 3, about.
     """
     half = min(round(0.5 * rate_hz / motion_hz), len(values) - 1)
     window = hann(2 * half + 1)[:, None]
-    ends = (2.0 * values[:1] - values[half:0:-1], values, 2.0 * values[-1:] - values[-2 : -half - 2 : -1])
-    return np.asarray(fftconvolve(np.concatenate(ends), window / window.sum(), mode="valid", axes=0))
+    mirrored = (values[half:0:-1], values, values[-2 : -half - 2 : -1])
+    return np.asarray(fftconvolve(np.concatenate(mirrored), window / window.sum(), mode="valid", axes=0))
 
 
 def vibration(signal: Array, rate_hz: float, settings: DenoiseSettings) -> Array:
