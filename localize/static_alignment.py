@@ -48,6 +48,7 @@ def align_static(
     earth: Earth,
     *,
     heading: float | None = None,
+    heading_std: float = 0.0,
 ) -> StaticAlignment:
     """Attitude from a stretch at rest, stamps (n,), gyro (n, 3) [rad/s], accel (n, 3) [m/s²] in the imu frame.
 
@@ -57,7 +58,7 @@ def align_static(
 
     Parameters
     ----------
-    heading : of the imu's x axis in the map [rad], counter-clockwise from +x, where it is known otherwise.
+    heading, heading_std : of the imu's x axis in the map [rad], counter-clockwise from +x, where it is known otherwise.
 
     Raises
     ------
@@ -76,7 +77,7 @@ def align_static(
         R, heading_std = _compassed(rate, up, earth), _heading_std(imu, earth, tilt_std, duration_s)
     else:
         level = rotation_between(up, _UP)
-        R, heading_std = yaw_rotation(heading - yaw_of(level)) @ level, 0.0
+        R = yaw_rotation(heading - yaw_of(level)) @ level
     # the vertical part of the earth's rate needs no heading
     known = earth.rate if heading_std < _SURE_HEADING else earth.rate * _UP
     return StaticAlignment(R, rate - R.T @ known, tilt_std, heading_std, duration_s)

@@ -109,6 +109,18 @@ def test_motion_stays(seed) -> None:
     assert_allclose(out.gyro[inner].sum(axis=0) / rate, turn(t)[inner].sum(axis=0) / rate, atol=1.5e-3)
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_sudden_start_stays_sharper_than_in_a_low_pass(seed) -> None:
+    rate = 200
+    stamps, loud, _ = shaken(seed, rate, 10.0, noise=2e-4)
+    start = 0.2 * np.clip((stamps * 1e-9 - 5.0) / 0.1, 0.0, 1.0)[:, None] * np.ones(3)
+    out = enhance(stamps, loud[0] + start, loud[1], SETTINGS).gyro
+    low = slow_part(loud[0] + start, rate, SETTINGS.motion_hz)
+    near = slice(940, 1100)
+    off, blurred = (np.sqrt(np.mean((signal - start)[near] ** 2)) for signal in (out, low))
+    assert off < 0.5 * blurred
+
+
 def test_without_vibration_nothing_slow_changes(rng) -> None:
     t = np.arange(2400) / 200.0
     gyro = turn(t)

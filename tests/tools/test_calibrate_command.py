@@ -42,7 +42,7 @@ def recorded(directory: Path, seconds: float) -> tuple[Path, Path]:
 
 
 def test_the_noise_goes_into_the_rig_file(tmp_path, capsys) -> None:
-    bag, rig = recorded(tmp_path, 100.0)
+    bag, rig = recorded(tmp_path, 70.0)
     assert cli.run(["calibrate-imu", str(bag), "--rig", str(rig)]) == 0
     said = capsys.readouterr().out
     assert "s at rest" in said
@@ -56,11 +56,11 @@ def test_the_noise_goes_into_the_rig_file(tmp_path, capsys) -> None:
 
 def test_another_file_leaves_the_rig_alone_and_two_runs_agree(tmp_path) -> None:
     bag, rig = recorded(tmp_path, 70.0)
-    outs = [tmp_path / "one.yaml", tmp_path / "two.yaml"]
-    for out in outs:
-        assert cli.run(["calibrate-imu", str(bag), "--rig", str(rig), "--out", str(out)]) == 0
+    out = tmp_path / "other.yaml"
+    assert cli.run(["calibrate-imu", str(bag), "--rig", str(rig), "--out", str(out)]) == 0
     assert rig.read_text() == RIG
-    assert outs[0].read_bytes() == outs[1].read_bytes() != rig.read_bytes()
+    assert cli.run(["calibrate-imu", str(bag), "--rig", str(rig)]) == 0
+    assert rig.read_bytes() == out.read_bytes() != RIG.encode()
 
 
 def test_a_short_recording_is_refused_in_one_line(tmp_path, capsys) -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from localize.denoise import DenoiseSettings, enhance
+from localize.denoise import DenoiseSettings, Enhanced, enhance, rectification, slow_part
 from localize.denoise_online import OnlineDenoiser
 from localize.earth import Earth
 from localize.mechanization import Increments, Navigator
@@ -40,7 +40,7 @@ HELD_S = 60.0
 """How long the consumer IMU, which cannot find north, must hold the heading it was given [s]."""
 TAIL_S = 1.0
 """The recording goes on after that: nothing is special about its end [s]."""
-METHODS = ("mean", "faded mean", "enhanced")
+METHODS = ("mean", "faded mean", "low pass", "enhanced")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,22 +72,36 @@ def _samples(block: ImuBlock, seconds: float) -> int:
     return round(seconds * (block.rate_hz or 200.0))
 
 
+def low_passed(samples: Stretch) -> Enhanced:
+    """The simplest rival: all that is fast is vibration; coning and sculling are given back all the same."""
+    hz, rate_hz = DenoiseSettings().motion_hz, 1e9 / float(np.median(np.diff(samples.stamps_ns)))
+    signals = np.hstack([samples.gyro, samples.accel])
+    slow = slow_part(signals, rate_hz, hz)
+    slow += rectification(signals - slow, rate_hz, hz)
+    return Enhanced(slow[:, :3], slow[:, 3:])
+
+
+def cleaned(samples: Stretch, method: str) -> Stretch:
+    """The samples as a method hands them on."""
+    if method not in ("low pass", "enhanced"):
+        return samples
+    at, settings = samples.stamps_ns, DenoiseSettings()
+    clean = low_passed(samples) if method == "low pass" else enhance(at, samples.gyro, samples.accel, settings)
+    return Stretch(at, clean.gyro, clean.accel, samples.R_map_imu)
+
+
 def compassed(samples: Stretch, method: str) -> Array:
-    """Attitude (3, 3) by level and earth rate, from the plain mean, the faded mean, or the enhanced samples."""
+    """Attitude (3, 3) by level and earth rate, from the plain mean or the cleaned samples."""
+    samples = cleaned(samples, method)
     gyro, accel = samples.gyro, samples.accel
     if method == "mean":
         gyro, accel = (np.tile(signal.mean(axis=0), (len(signal), 1)) for signal in (gyro, accel))
-    elif method == "enhanced":
-        enhanced = enhance(samples.stamps_ns, gyro, accel, DenoiseSettings())
-        gyro, accel = enhanced.gyro, enhanced.accel
     return align_static(samples.stamps_ns, gyro, accel, TACTICAL, EARTH).R_map_imu
 
 
 def held(samples: Stretch, method: str, aligned: int) -> Array:
     """Attitude (3, 3) a second before the end, from the true heading and the bias of the first ``aligned`` samples."""
-    if method == "enhanced":
-        enhanced = enhance(samples.stamps_ns, samples.gyro, samples.accel, DenoiseSettings())
-        samples = Stretch(samples.stamps_ns, enhanced.gyro, enhanced.accel, samples.R_map_imu)
+    samples = cleaned(samples, method)
     first, rest = samples.part(0, aligned), samples.part(aligned - 1, len(samples.gyro) - _samples(CONSUMER, TAIL_S))
     gyro, accel = first.gyro, first.accel
     if method == "mean":
@@ -134,8 +148,8 @@ def online(seconds: float) -> None:
         cost = 1e3 * (time.process_time() - begin) / len(samples)
         every, latency = denoiser.settings.online_step_s, denoiser.latency_s
         print(
-            f"{name}, {block.rate_hz:g} Hz: {cost:.3f} ms a sample, {1e3 * max(spent):.0f} ms at once every {every:g} s; "
-            f"latency {latency:g} s stated, {oldest_ns * 1e-9:.3f} s seen"
+            f"{name}, {block.rate_hz:g} Hz: {cost:.3f} ms a sample, at once {1e3 * max(spent):.0f} ms per {every:g} s;"
+            f" latency {latency:g} s stated, {oldest_ns * 1e-9:.3f} s seen"
         )
 
 
