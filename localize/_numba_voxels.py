@@ -222,23 +222,45 @@ def _shape_near(x, y, z, size, keys, cells, rows, mean):
     return best
 
 
+@njit(cache=True, inline="always")
+def _add_leaning(c, weighted, R, p, count, mean, rows, axes, scale, h, C):
+    """Add to C what the noise of a shape's points alone would give: across leans along by noise / (√n spread)."""
+    dx, dy, dz = mean[c, 0] - p[0], mean[c, 1] - p[1], mean[c, 2] - p[2]
+    ix = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
+    iy = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
+    iz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+    for k in range(rows[c], 3):
+        ux, uy, uz = axes[c, k, 0], axes[c, k, 1], axes[c, k, 2]
+        mx = R[0, 0] * ux + R[1, 0] * uy + R[2, 0] * uz
+        my = R[0, 1] * ux + R[1, 1] * uy + R[2, 1] * uz
+        mz = R[0, 2] * ux + R[1, 2] * uy + R[2, 2] * uz
+        h[0], h[1], h[2] = iy * mz - iz * my, iz * mx - ix * mz, ix * my - iy * mx
+        h[3], h[4], h[5] = mx, my, mz
+        leaning = weighted * scale[c, k] * scale[c, k] / count[c]
+        for row in range(6):
+            for column in range(row, 6):
+                C[row, column] += leaning * h[row] * h[column]
+
+
 @njit(cache=True)
 def point_to_shape(
     points, R, p, R_imu_lidar, p_imu_lidar, size, keys, cells, count, mean, rows, axes, scale, variance,
-    range_variance, beam_variance, gate, mark, met, pulls, A, b, B, residuals, sigmas,
+    range_variance, beam_variance, gate, mark, met, pulls, A, b, B, C, residuals, sigmas,
 ):  # fmt: skip
     """Sum A += HᵀH/σ², b -= Hᵀr/σ² of the residuals ``uᵀ(T p - mean)`` (paper 000 Eq. 14); returns how many matched.
 
     Across a plane there is one u, across an edge there are two (paper 002 Eq. 31). σ² is what one point errs by alone
     and what the shape errs by, which every point on it shares: B is the covariance of b that comes from the shapes,
-    ``Σ (Σ hᵀ/σ²)(Σ h/σ²) σ_shape²``, the inner sums over the points of one shape.
+    ``Σ (Σ hᵀ/σ²)(Σ h/σ²) σ_shape²``, the inner sums over the points of one shape. C is what of A to expect from
+    noise alone: a normal that leans by chance looks along directions of which the true one knows nothing.
     points (n, 3) in the lidar frame; R, p: the imu in the map; columns of H: rotation and position of the imu, in its
     own axes. residuals, sigmas (n, 2) [m]: NaN where there is none. mark (cells) must be 0 and pulls
-    (2 n, 8) and met (n,) are scratch.
+    (2 n, 9) and met (n,) are scratch.
     """
     A[:, :] = 0.0
     b[:] = 0.0
     B[:, :] = 0.0
+    C[:, :] = 0.0
     h = np.empty(6)
     ox = R[0, 0] * p_imu_lidar[0] + R[0, 1] * p_imu_lidar[1] + R[0, 2] * p_imu_lidar[2] + p[0]
     oy = R[1, 0] * p_imu_lidar[0] + R[1, 1] * p_imu_lidar[1] + R[1, 2] * p_imu_lidar[2] + p[1]
@@ -288,8 +310,7 @@ def point_to_shape(
                 shapes += 1
                 mark[c] = shapes
                 met[shapes - 1] = c
-                pulls[2 * shapes - 2] = 0.0
-                pulls[2 * shapes - 1] = 0.0
+                pulls[2 * shapes - 2 : 2 * shapes] = 0.0
             pull = pulls[2 * (mark[c] - 1) + k]
             for row in range(6):
                 hw = h[row] * weight
@@ -300,6 +321,7 @@ def point_to_shape(
             # by how much a shape is off where the points met it, in the mean weighted as they are
             pull[6] += weight * shape2
             pull[7] += weight
+            pull[8] += weight * alone2
             residuals[i, k] = r
             sigmas[i, k] = np.sqrt(sigma2)
             used = True
@@ -312,9 +334,44 @@ def point_to_shape(
                 for column in range(row, 6):
                     B[row, column] += pulls[k, row] * pulls[k, column] * shape2
     for k in range(shapes):
-        mark[met[k]] = 0
+        c = met[k]
+        mark[c] = 0
+        _add_leaning(c, pulls[2 * k, 8] + pulls[2 * k + 1, 8], R, p, count, mean, rows, axes, scale, h, C)
     for row in range(6):
         for column in range(row):
             A[row, column] = A[column, row]
             B[row, column] = B[column, row]
+            C[row, column] = C[column, row]
     return matched
+
+
+@njit(cache=True)
+def beyond_noise(A, b, B, C, doubt, blind):
+    """A (6, 6), b (6,) and B (6, 6) of `point_to_shape` without what C explains, in place; see `localize.lidar`.
+
+    Rotation and position each for themselves: along a direction in which a share γ of A comes from C, b is multiplied
+    by ``1 - doubt γ``, at least 0, and A and B by its square. blind (6, 6): the directions, unit columns, where that is
+    0; the other columns are 0.
+    """
+    T, W, share, V = np.zeros((6, 6)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    blind[:, :] = 0.0
+    for first in (0, 3):
+        block = slice(first, first + 3)
+        # whitened by A: W A Wᵀ = 1, rows of W
+        eigen3(A[block, block].copy(), share, W)
+        least = 1e-9 * (share[0] + share[1] + share[2])
+        for i in range(3):
+            W[i] /= np.sqrt(max(share[i], least))
+        eigen3(W @ np.ascontiguousarray(C[block, block]) @ W.T, share, V)
+        directions = V @ W
+        known = directions @ np.ascontiguousarray(A[block, block])
+        for i in range(3):
+            left = max(0.0, 1.0 - doubt * share[i])
+            for row in range(3):
+                for column in range(3):
+                    T[first + row, first + column] += left * known[i, row] * directions[i, column]
+            if left == 0.0:
+                blind[block, first + i] = directions[i] / np.sqrt(np.sum(directions[i] ** 2))
+    A[:, :] = T @ A @ T.T
+    b[:] = T @ b
+    B[:, :] = T @ B @ T.T

@@ -18,6 +18,7 @@ from localize.state import (
     GYRO_BIAS,
     LIDAR,
     MAP,
+    ODOM,
     POSITION,
     ROTATION,
     TAG,
@@ -34,6 +35,7 @@ class Information:
     """What a sensor says at one state: ``A = Σ HᵀN⁻¹H`` and ``b = -Σ HᵀN⁻¹r``, over the error columns ``columns``.
 
     squared : Σ rᵀN⁻¹r; count : residuals summed.
+    blind : (m, k) combinations of the columns of which the sensor says nothing, whatever A has there.
     """
 
     A: Array
@@ -41,6 +43,7 @@ class Information:
     columns: NDArray[np.int64]
     squared: float
     count: int
+    blind: Array | None = None
 
 
 class MeasurementModel(Protocol):
@@ -56,6 +59,16 @@ def information(residual: Array, H: Array, covariance: Array, columns: NDArray[n
     weighted = np.linalg.solve(covariance, H).T
     squared = float(residual @ np.linalg.solve(covariance, residual))
     return Information(weighted @ H, -weighted @ residual, columns, squared, len(residual))
+
+
+def _hanging_on(info: Information, P: Array) -> Array:
+    """Columns (dim, m), whose squares add up to the part of P that hangs on errors which a sensor is blind for."""
+    if info.blind is None:
+        return np.zeros((len(P), 0))
+    PS = P[:, info.columns] @ info.blind.T
+    values, vectors = np.linalg.eigh(info.blind @ PS[info.columns])
+    used = values > 1e-12 * max(values[-1], 1e-12)
+    return np.asarray(PS @ vectors[:, used] / np.sqrt(values[used]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +117,7 @@ class ErrorStateFilter:
 
     Parameters
     ----------
-    state, P : start values, P (48, 48) in the order of `localize.state`.
+    state, P : start values, P (dim, dim) in the order of `localize.state`.
     stamp_ns : their time.
     imu : noise densities.
     """
@@ -130,7 +143,8 @@ class ErrorStateFilter:
         """Maximum a posteriori state given one sensor (paper 000 Eq. 4); returns the last linearization or None.
 
         Each step solves ``(I + P A) δ = P b - (x ⊟ x̂)``, which needs no inverse of P: extrinsics that are known
-        exactly have zero rows in it and stay as they are.
+        exactly have zero rows in it and stay as they are. Errors which the sensor is blind for are considered, but
+        stay as they are (Schmidt's filter): with what hangs on them they are set aside meanwhile.
         """
         predicted, info = self.state, None
         for _ in range(iterations):
@@ -138,17 +152,20 @@ class ErrorStateFilter:
             if latest is None:
                 break
             info = latest
-            PA = np.zeros((ERROR_DIM, ERROR_DIM))
-            PA[:, info.columns] = self.P[:, info.columns] @ info.A
-            M = np.eye(ERROR_DIM) + PA
-            pull = self.P[:, info.columns] @ info.b - self.state.boxminus(predicted)
+            aside = _hanging_on(info, self.P)
+            P = self.P - aside @ aside.T
+            PA = np.zeros_like(P)
+            PA[:, info.columns] = P[:, info.columns] @ info.A
+            M = np.eye(len(P)) + PA
+            pull = P[:, info.columns] @ info.b - self.state.boxminus(predicted)
             delta = np.asarray(np.linalg.solve(M, pull), dtype=np.float64)
             self.state = self.state.boxplus(delta)
             if np.abs(delta[:6]).max() < tolerance:
                 break
         if info is not None:
-            P = np.linalg.solve(M, self.P)
-            self.P = 0.5 * (P + P.T)
+            rest = np.asarray(np.linalg.solve(M, np.column_stack([P, aside])), dtype=np.float64)
+            P, aside = rest[:, : len(P)], rest[:, len(P) :]
+            self.P = 0.5 * (P + P.T) + aside @ aside.T
         return info
 
     def clone_pose(self) -> None:
@@ -166,12 +183,18 @@ class ErrorStateFilter:
         self.P[MAP] = J @ self.P[MAP]
         self.P[:, MAP] = self.P[:, MAP] @ J.T
 
-    def extend_map(self, share: float) -> None:
-        """The map lies, by a ``share`` of its points (0 to 1), as wrong as the present pose they were put in with."""
-        J = np.zeros((6, ERROR_DIM))
-        J[:, MAP] = (1.0 - share) * np.eye(6)
-        J[:3, ROTATION] = share * self.state.R
-        J[3:, POSITION] = share * np.eye(3)
+    def extend_map(self, share: float, blind: Array) -> None:
+        """The map lies, by a ``share`` of its points (0 to 1), as wrong as the present pose they were put in with.
+
+        blind : (6, m) orthonormal directions, rotation first, in the imu's axes, which the older points tell nothing
+        of. What a later scan will find there is what was put in now.
+        """
+        X = np.concatenate([self.state.R @ blind[:3], self.state.R @ blind[3:]])
+        new = share * np.eye(6) + (1.0 - share) * X @ X.T
+        J = np.zeros((6, len(self.P)))
+        J[:, MAP] = np.eye(6) - new
+        J[:, ROTATION] = new[:, :3] @ self.state.R
+        J[:, POSITION] = new[:, 3:]
         rows = J @ self.P
         own = rows @ J.T
         self.P[MAP], self.P[:, MAP] = rows, rows.T
@@ -181,12 +204,48 @@ class ErrorStateFilter:
         """The planes put in lie off by themselves."""
         self.P[MAP, MAP] += covariance
 
+    def locate(self, T_map_odom: Array, covariance: Array) -> None:
+        """Where odom lies becomes a state, from the place of the robot in the map, which is known apart from odom's.
+
+        covariance : (6, 6) of that place's ``[φ, t]``: turned about the robot and moved, in the axes of the map.
+        """
+        s, R = self.state, T_map_odom[:3, :3]
+        J = np.zeros((6, len(self.P)))
+        # what the pose errs by in odom, odom errs by in the map the other way round
+        J[:3, ROTATION] = -R @ s.R
+        J[3:, POSITION] = -R
+        s.T_map_odom, s.odom_centre = T_map_odom, R @ s.p + T_map_odom[:3, 3]
+        self._append(J, covariance)
+
+    def centre_odom(self) -> None:
+        """Tell the error of ``T_map_odom`` at the present place of the robot, as `centre_map` does."""
+        s = self.state
+        assert s.T_map_odom is not None
+        centre = s.T_map_odom[:3, :3] @ s.p + s.T_map_odom[:3, 3]
+        J = np.eye(6)
+        J[3:, :3] = -skew(centre - s.odom_centre)
+        s.odom_centre = centre
+        self.P[ODOM] = J @ self.P[ODOM]
+        self.P[:, ODOM] = self.P[:, ODOM] @ J.T
+
+    def hear(self, anchor: int, std: float) -> None:
+        """An anchor's range bias becomes a state [m]; odom must be located before."""
+        if anchor not in self.state.anchors:
+            self.state.anchors += (anchor,)
+            self.state.range_biases = np.append(self.state.range_biases, 0.0)
+            self._append(np.zeros((1, len(self.P))), np.array([[std**2]]))
+
+    def _append(self, J: Array, covariance: Array) -> None:
+        """New columns whose error is ``J`` times the old error, and an error of their own."""
+        rows = J @ self.P
+        self.P = np.block([[self.P, rows.T], [rows, rows @ J.T + covariance]])
+
     def covariance_since_clone(self) -> Array:
         """Covariance (6, 6), rotation first, of ``T_clone_imu`` perturbed on the right (gtsam's order)."""
         R_clone = self.state.T_odom_clone[:3, :3]
         R_rel = R_clone.T @ self.state.R
         p_clone = R_clone.T @ (self.state.p - self.state.T_odom_clone[:3, 3])
-        J = np.zeros((6, ERROR_DIM))
+        J = np.zeros((6, len(self.P)))
         J[:3, ROTATION] = np.eye(3)
         J[:3, CLONE.start : CLONE.start + 3] = -R_rel.T
         J[3:, POSITION] = self.state.R.T
@@ -199,7 +258,7 @@ class ErrorStateFilter:
 def start_covariance(
     imu: ImuBlock, *, tilt_std: float, velocity_std: float, g: Array, mountings: ExtrinsicSettings
 ) -> Array:
-    """Covariance (48, 48) at the start: the pose defines odom and is exact; gravity may lean by ``tilt_std`` [rad]."""
+    """Covariance (49, 49) at the start: the pose defines odom and is exact; gravity may lean by ``tilt_std`` [rad]."""
     P = np.zeros((ERROR_DIM, ERROR_DIM))
     P[VELOCITY, VELOCITY] = velocity_std**2 * np.eye(3)
     P[GYRO_BIAS, GYRO_BIAS] = imu.gyro_bias_std**2 * np.eye(3)

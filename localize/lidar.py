@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from localize._numba_voxels import beyond_noise
 from localize.filter import Information
 from localize.state import LIDAR, MAP, POSITION, ROTATION, NavState
 from localize.voxel_map import RangeNoise, ShapeMatch, VoxelMap
@@ -16,6 +17,9 @@ from semmap.geometry import Array, inverse, skew
 _COLUMNS = np.r_[ROTATION, POSITION, LIDAR, MAP]
 _VAGUE = np.diag(np.repeat([0.05**-2, 0.5**-2], 3))
 """Where planes leave a direction open, their errors there are taken to be within 0.05 rad and 0.5 m."""
+
+_DOUBT = 1.2
+"""Noise of normals is known to so much: what is not more than this times it is nothing."""
 
 
 class ScanPart(NamedTuple):
@@ -37,6 +41,7 @@ class ScanToMap:
     gate : residuals beyond this many sigmas are left out.
     correlation : how many points share one error beyond that of their plane; divides the information.
     min_matches : fewer say nothing.
+    blind : (6, m) after `linearize`: unit directions, rotation first, in the imu's axes, that the scan says nothing of.
     """
 
     parts: Sequence[ScanPart]
@@ -45,6 +50,7 @@ class ScanToMap:
     correlation: float
     min_matches: int
     matched: int = field(default=0, init=False)
+    blind: Array = field(default_factory=lambda: np.zeros((6, 0)), init=False)
     _at: NavState | None = field(default=None, init=False)
     _met: list[ShapeMatch] = field(default_factory=list, init=False)
 
@@ -53,10 +59,11 @@ class ScanToMap:
         if self.matched < self.min_matches:
             return None
         J = _columns_of(state)
-        A, b = sum(match.A for match in matches), sum(match.b for match in matches)
+        A, b, _, self.blind = _beyond_noise(matches)
         squared = sum(float(np.nansum((match.residuals / match.sigmas) ** 2)) for match in matches)
         return Information(
-            J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS, squared, self.matched
+            J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS, squared, self.matched,
+            (J @ self.blind).T if self.blind.size else None,
         )  # fmt: skip
 
     def map_noise(self, state: NavState) -> Array | None:
@@ -70,7 +77,7 @@ class ScanToMap:
             return None
         J = np.zeros((6, 6))
         J[:3, :3] = J[3:, 3:] = state.R
-        A, B = sum(match.A for match in matches), sum(match.B for match in matches)
+        A, _, B, _ = _beyond_noise(matches)
         G = J @ np.linalg.inv(A + _VAGUE)
         return np.asarray(G @ B @ G.T)
 
@@ -85,6 +92,33 @@ class ScanToMap:
         ]
         self.matched = sum(match.matched for match in self._met)
         return self._met
+
+
+class _Knowledge(NamedTuple):
+    """What a scan knows: A, b and B as in `ShapeMatch`; and orthonormal directions (6, m) that it knows nothing of."""
+
+    A: Array
+    b: Array
+    B: Array
+    blind: Array
+
+
+def _beyond_noise(matches: Sequence[ShapeMatch]) -> _Knowledge:
+    """``A``, ``b`` and ``B`` of the scan, without what the noise of the normals pretends to know.
+
+    Along a smooth tunnel every normal leans by chance a little along the axis. Summed over a thousand points the small
+    leanings look like centimetres of knowledge, of which there is none: errors in the variables. Along a direction in
+    which a share γ of A comes from them, the solution of least squares is too small by ``1 - γ`` and its variance too
+    small by its square; both are put right, and where noise explains all, the scan is blind. Rotation and position
+    each for themselves, so that a well known attitude does not lend its knowledge to the axis.
+    """
+    A, b, B, C = (np.asarray(sum(getattr(match, name) for match in matches)) for name in ("A", "b", "B", "C"))
+    blind = np.empty((6, 6))
+    beyond_noise(A, b, B, C, _DOUBT, blind)
+    if not blind.any():
+        return _Knowledge(A, b, B, np.zeros((6, 0)))
+    U, size, _ = np.linalg.svd(blind)
+    return _Knowledge(A, b, B, U[:, size > 1e-6])
 
 
 def _columns_of(state: NavState) -> Array:

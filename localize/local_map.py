@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from localize.features import curvature_features
 from localize.filter import ErrorStateFilter
@@ -46,9 +45,10 @@ class LocalMap:
         self.edges = VoxelMap(settings.voxel_size, max_points=settings.voxel_points, shapes=Shapes.EDGES)
         self._T_odom_last: Array | None = None
         self._new_share = 0.0
+        self._blind = np.zeros((6, 0))
 
-    def surfaces(self, scan: Scan, deskewed: Array, known: NDArray[np.bool_]) -> list[Surface]:
-        """What of a scan goes where; ``known`` are the points of the scan that were deskewed.
+    def surfaces(self, scan: Scan, deskewed: Array) -> list[Surface]:
+        """What of a scan's points, ``deskewed`` (n, 3), goes where.
 
         Raises `SettingsError` where curvature is asked for and the LiDAR does not tell its rings.
         """
@@ -58,7 +58,7 @@ class LocalMap:
             raise SettingsError(
                 "needs the points' rings", field="odometry.features", mend="use 'planes', or record the field `ring`"
             )
-        found = curvature_features(deskewed, scan.ring[known], scan.offsets_ns[known])
+        found = curvature_features(deskewed, scan.ring, scan.offsets_ns)
         return [Surface(deskewed[found.planar], self.planes), Surface(deskewed[found.edges], self.edges)]
 
     def match(self, surfaces: list[Surface], filter: ErrorStateFilter) -> tuple[int, int]:
@@ -70,6 +70,7 @@ class LocalMap:
             filter.centre_map()
             self._age(model, filter)
             filter.update(model, iterations=s.iterations)
+            self._blind = model.blind
         return model.matched, sum(len(part.points) for part in parts)
 
     def _age(self, model: ScanToMap, filter: ErrorStateFilter) -> None:
@@ -95,5 +96,5 @@ class LocalMap:
             voxels.forget_far(T_map_lidar[:3, 3], self.settings.max_voxels)
             share = voxels.insert(transform(T_map_lidar, points))
             if voxels is self.planes:
-                filter.extend_map(share)
+                filter.extend_map(share, self._blind)
                 self._new_share = 1.0 - (1.0 - self._new_share) * (1.0 - share)

@@ -27,8 +27,9 @@ _GAP_NS = 50_000_000
 class OdometryPose:
     """What the filter knows at the end of a scan.
 
-    stamp_ns : time of the scan's end. T_odom_imu : (4, 4). covariance : (48, 48), order of `localize.state`.
-    state : the whole state. points : (n, 3) float32 deskewed, in the imu frame; empty without a scan.
+    stamp_ns : time of the scan's end. T_odom_imu : (4, 4). covariance : (dim, dim), order of `localize.state`.
+    state : the whole state. deskewed : (n, 3) points in the lidar frame at that time, of a keyframe all, else those
+    that were used; empty without a scan.
     matched : scan points that met a plane; considered : scan points tried.
     keyframe : whether the filter moved far enough since the last one (paper 004 Eq. 8, 9).
     since_keyframe : (6, 6) covariance of the pose relative to the last keyframe, rotation first, right perturbation.
@@ -37,7 +38,7 @@ class OdometryPose:
     stamp_ns: int
     state: NavState
     covariance: Array
-    points: NDArray[np.float32]
+    deskewed: Array
     matched: int
     considered: int
     keyframe: bool
@@ -47,6 +48,11 @@ class OdometryPose:
     def T_odom_imu(self) -> Array:
         """Pose (4, 4)."""
         return self.state.T_odom_imu
+
+    @property
+    def points(self) -> NDArray[np.float32]:
+        """The deskewed points (n, 3) in the imu frame."""
+        return transform(self.state.T_imu_lidar, self.deskewed).astype(np.float32)
 
 
 class Odometry:
@@ -121,21 +127,22 @@ class Odometry:
     def _step(self, end_ns: int, scan: Scan | None) -> OdometryPose:
         """One scan: propagate with the wheel on the way, deskew, match, extend the local map."""
         track = self._propagate(end_ns)
-        points = np.empty((0, 3))
+        deskewed = np.empty((0, 3))
         matched = considered = 0
+        T_imu_lidar = self.filter.state.T_imu_lidar
         if scan is not None and self.map is not None:
-            begin_ns = track.zero_ns
-            known = scan.offsets_ns + scan.stamp_ns >= begin_ns - _TICK_NS // 2
-            T_imu_lidar = self.filter.state.T_imu_lidar
-            deskewed = track.deskew(scan.points[known], scan.offsets_ns[known], scan.stamp_ns, T_imu_lidar)
-            surfaces = self.map.surfaces(scan, deskewed, known)
+            scan = scan.since(track.zero_ns - _TICK_NS // 2)
+            sparse = scan.thinned(self.settings.scan_points)
+            deskewed = track.deskew(sparse.points, sparse.offsets_ns, sparse.stamp_ns, T_imu_lidar)
+            surfaces = self.map.surfaces(sparse, deskewed)
             matched, considered = self.map.match(surfaces, self.filter)
             self.map.extend(surfaces, self.filter)
-            points = transform(self.filter.state.T_imu_lidar, deskewed)
         keyframe, since_keyframe = self._keyframe_rule()
+        if keyframe and scan is not None:
+            deskewed = track.deskew(scan.points, scan.offsets_ns, scan.stamp_ns, T_imu_lidar)
         return OdometryPose(
-            end_ns, self.filter.state.copy(), self.filter.P.copy(), points.astype(np.float32), matched, considered,
-            keyframe, since_keyframe,
+            end_ns, self.filter.state.copy(), self.filter.P.copy(), deskewed, matched, considered, keyframe,
+            since_keyframe,
         )  # fmt: skip
 
     def _keyframe_rule(self) -> tuple[bool, Array]:

@@ -38,6 +38,8 @@ class OdometrySettings(Settings):
     features: Literal["planes", "eigenvalues", "curvature"] = "planes"
     """What scans are matched by: planes; planes and edges told apart in the map (paper 002 Eq. 30); or in the scan, by
     the curvature of its rings (LOAM)."""
+    scan_points: PositiveInt = 6000
+    """A scan of more points is thinned evenly to so many; keyframes keep all."""
     scan_voxel: PositiveFloat = 0.4
     """Scan points are averaged over voxels of this edge [m] before matching."""
     iterations: PositiveInt = 4

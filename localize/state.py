@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from semmap.geometry import Array, inverse, se3, so3_exp, so3_log, transform
+from semmap.geometry import Array, inverse, se3, so3_exp, so3_log
 
 ROTATION = slice(0, 3)
 POSITION = slice(3, 6)
@@ -19,10 +19,16 @@ TAG = slice(24, 30)
 WHEEL = slice(30, 36)
 CLONE = slice(36, 42)
 MAP = slice(42, 48)
-ERROR_DIM = 48
+SCALE = slice(48, 49)
+ERROR_DIM = 49
+"""Of a state that has no tail. All columns up to here are always there; what is not estimated has no covariance."""
+ODOM = slice(49, 55)
+BIASES_FROM = 55
+"""The tail: where odom lies in the map, once that is known, and after it one range bias for each anchor heard."""
 _POSES = (slice(0, 6), LIDAR, TAG, WHEEL, CLONE)
 """36 as in paper 000; 6 of the last keyframe's pose, whose correlation with the present gives the relative pose
-covariance between keyframes; and 6 of the local map, which lies as wrong as the poses it was built from."""
+covariance between keyframes; 6 of the local map, which lies as wrong as the poses it was built from; and the wheel's
+scale."""
 
 
 @dataclass(slots=True)
@@ -33,6 +39,10 @@ class NavState:
     gyro_bias [rad/s], accel_bias [m/s²], g : gravity in odom [m/s²].
     T_odom_map : where the local map lies, errs by ``[φ, t]``: turned by ``Exp(φ)`` about ``map_centre`` (3,), a place
     in odom near the robot, and moved by t.
+    wheel_scale : true speed over that of the wheel.
+    T_map_odom : where odom lies in the map, or None while nobody knows; errs like ``T_odom_map``, turned about
+    ``odom_centre`` (3,), a place in the map near the robot.
+    anchors, range_biases : ids of the UWB anchors heard, and what each reads too long (n,) [m].
     """
 
     R: Array
@@ -47,6 +57,16 @@ class NavState:
     T_odom_clone: Array
     T_odom_map: Array
     map_centre: Array
+    wheel_scale: float = 1.0
+    T_map_odom: Array | None = None
+    odom_centre: Array = field(default_factory=lambda: np.zeros(3))
+    anchors: tuple[int, ...] = ()
+    range_biases: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def dim(self) -> int:
+        """Columns of the error: `ERROR_DIM` and the tail."""
+        return ERROR_DIM if self.T_map_odom is None else BIASES_FROM + len(self.anchors)
 
     @property
     def T_odom_imu(self) -> Array:
@@ -54,11 +74,12 @@ class NavState:
         return se3(self.R, self.p)
 
     def copy(self) -> NavState:
-        """A state of its own arrays."""
-        return NavState(**{name: getattr(self, name).copy() for name in self.__slots__})
+        """A state apart from this one. Its transforms are shared: they are replaced, never changed in place."""
+        own = ("R", "p", "v", "gyro_bias", "accel_bias", "g", "range_biases")
+        return replace(self, **{name: getattr(self, name).copy() for name in own})
 
     def boxplus(self, delta: Array) -> NavState:
-        """The state moved by an error (42,); gravity keeps its length, which is known (PAPERS: 000)."""
+        """The state moved by an error (dim,); gravity keeps its length, which is known (PAPERS: 000)."""
         g = self.g + delta[GRAVITY]
         return NavState(
             R=self.R @ so3_exp(delta[ROTATION]),
@@ -73,27 +94,42 @@ class NavState:
             T_odom_clone=_pose_plus(self.T_odom_clone, delta[CLONE]),
             T_odom_map=_moved_about(self.map_centre, delta[MAP]) @ self.T_odom_map,
             map_centre=self.map_centre,
+            wheel_scale=self.wheel_scale + float(delta[SCALE][0]),
+            T_map_odom=None
+            if self.T_map_odom is None
+            else _moved_about(self.odom_centre, delta[ODOM]) @ self.T_map_odom,
+            odom_centre=self.odom_centre,
+            anchors=self.anchors,
+            range_biases=self.range_biases + delta[BIASES_FROM:],
         )
 
     def boxminus(self, other: NavState) -> Array:
-        """The error (42,) that takes ``other`` to this state: ``other.boxplus(self.boxminus(other)) = self``."""
-        # one call for all poses: this runs in every iteration of every update
-        mine, others = self._poses(), other._poses()
-        turns = so3_log(np.swapaxes(others[:, :3, :3], 1, 2) @ mine[:, :3, :3])
-        delta = np.empty(ERROR_DIM)
-        for columns, turn, moved in zip(_POSES, turns, (mine - others)[:, :3, 3], strict=True):
-            delta[columns] = np.concatenate([turn, moved])
+        """The error (dim,) that takes ``other`` to this state: ``other.boxplus(self.boxminus(other)) = self``.
+
+        Both have the same tail.
+        """
+        delta = np.zeros(self.dim)
+        pairs = zip(_POSES, self._poses(), other._poses(), strict=True)
+        columns, mine, others = zip(*((c, T, T_other) for c, T, T_other in pairs if T is not T_other), strict=True)
+        # one call for all that moved: this runs in every iteration of every update
+        T, T_other = np.stack(mine), np.stack(others)
+        turns = so3_log(np.swapaxes(T_other[:, :3, :3], 1, 2) @ T[:, :3, :3])
+        for pose, turn, step in zip(columns, turns, (T - T_other)[:, :3, 3], strict=True):
+            delta[pose] = np.concatenate([turn, step])
         delta[VELOCITY] = self.v - other.v
         delta[GYRO_BIAS] = self.gyro_bias - other.gyro_bias
         delta[ACCEL_BIAS] = self.accel_bias - other.accel_bias
         delta[GRAVITY] = self.g - other.g
-        moved = self.T_odom_map @ inverse(other.T_odom_map)
-        delta[MAP] = np.concatenate([so3_log(moved[:3, :3]), transform(moved, self.map_centre) - self.map_centre])
+        delta[MAP] = _move_about(self.map_centre, self.T_odom_map @ inverse(other.T_odom_map))
+        delta[SCALE] = self.wheel_scale - other.wheel_scale
+        if self.T_map_odom is not None and other.T_map_odom is not None:
+            delta[ODOM] = _move_about(self.odom_centre, self.T_map_odom @ inverse(other.T_map_odom))
+            delta[BIASES_FROM:] = self.range_biases - other.range_biases
         return delta
 
-    def _poses(self) -> Array:
-        """All poses (5, 4, 4), in the order of `_POSES`."""
-        return np.stack([self.T_odom_imu, self.T_imu_lidar, self.T_imu_tag, self.T_imu_wheel, self.T_odom_clone])
+    def _poses(self) -> tuple[Array, ...]:
+        """All poses (4, 4), in the order of `_POSES`."""
+        return self.T_odom_imu, self.T_imu_lidar, self.T_imu_tag, self.T_imu_wheel, self.T_odom_clone
 
 
 def _moved_about(centre: Array, delta: Array) -> Array:
@@ -102,5 +138,13 @@ def _moved_about(centre: Array, delta: Array) -> Array:
     return se3(R, centre - R @ centre + delta[3:])
 
 
+def _move_about(centre: Array, moved: Array) -> Array:
+    """The error (6,) with which `_moved_about` makes the transform ``moved`` (4, 4)."""
+    return np.concatenate([so3_log(moved[:3, :3]), moved[:3, :3] @ centre + moved[:3, 3] - centre])
+
+
 def _pose_plus(T: Array, delta: Array) -> Array:
+    """``T`` itself where nothing moves it: mountings that are known exactly."""
+    if not delta.any():
+        return T
     return se3(T[:3, :3] @ so3_exp(delta[:3]), T[:3, 3] + delta[3:])

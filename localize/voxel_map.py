@@ -36,6 +36,7 @@ class ShapeMatch(NamedTuple):
     """Points against the shapes of a voxel map, by rotation and position of the imu in its own axes.
 
     A (6, 6), b (6,) : ``Σ HᵀH/σ²`` and ``-Σ Hᵀr/σ²``. B (6, 6) : covariance of b from the shapes' own errors.
+    C (6, 6) : what of A to expect from the noise of the normals alone.
     residuals, sigmas : (n, 2) [m], one across a plane, two across an edge, NaN where there is none.
     matched : points that met a shape.
     """
@@ -43,6 +44,7 @@ class ShapeMatch(NamedTuple):
     A: Array
     b: Array
     B: Array
+    C: Array
     residuals: Array
     sigmas: Array
     matched: int
@@ -133,7 +135,7 @@ class VoxelMap:
         self, points: Array, T_map_imu: Array, T_imu_lidar: Array, *, noise: RangeNoise, gate: float
     ) -> ShapeMatch:
         """Points (n, 3) in the lidar frame against the shapes; residuals beyond ``gate`` sigmas are left out."""
-        A, b, B = np.empty((6, 6)), np.empty(6), np.empty((6, 6))
+        A, b, B, C = np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty((6, 6))
         residuals, sigmas = np.empty((len(points), 2)), np.empty((len(points), 2))
         matched = point_to_shape(
             points,
@@ -141,9 +143,9 @@ class VoxelMap:
             np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3]),
             self.size, self._keys, self._cells, self._count, self._mean, self._rows, self._axes, self._scale,
             self._variance, noise.along, noise.across, gate, self._added, np.empty(len(points), np.int64),
-            np.empty((2 * len(points), 8)), A, b, B, residuals, sigmas,
+            np.empty((2 * len(points), 9)), A, b, B, C, residuals, sigmas,
         )  # fmt: skip
-        return ShapeMatch(A, b, B, residuals, sigmas, int(matched))
+        return ShapeMatch(A, b, B, C, residuals, sigmas, int(matched))
 
 
 def voxel_means(points: Array | NDArray[np.float32], size: float) -> Array:

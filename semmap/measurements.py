@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from math import isfinite
 from typing import TypeAlias
 
 import numpy as np
@@ -10,13 +12,15 @@ from numpy.typing import NDArray
 
 from semmap.errors import MeasurementError
 
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+
 
 def _finite_vector(owner: str, name: str, value: object) -> NDArray[np.float64]:
     vector = np.asarray(value, dtype=np.float64)
     if vector.shape != (3,):
         where = f"{owner}.{name}"
         raise MeasurementError(f"has shape {vector.shape}", field=where, mend="give three numbers")
-    if not np.isfinite(vector).all():
+    if not all(map(isfinite, vector.tolist())):
         raise MeasurementError("is not finite", field=f"{owner}.{name}", mend="drop this sample")
     return vector
 
@@ -25,6 +29,16 @@ def _finite_number(owner: str, name: str, value: float) -> float:
     if not np.isfinite(value):
         raise MeasurementError("is not finite", field=f"{owner}.{name}", mend="drop this sample")
     return float(value)
+
+
+def _phases(count: int) -> NDArray[np.float32]:
+    """Multiples of the golden ratio modulo 1, (count,): any stretch of them, and any stride, is spread over [0, 1)."""
+    return _table_of_phases(1 << (count - 1).bit_length())[:count]
+
+
+@cache
+def _table_of_phases(count: int) -> NDArray[np.float32]:
+    return np.asarray(np.arange(count) * _GOLDEN % 1.0, dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +81,27 @@ class Scan:
     def end_ns(self) -> int:
         """Time of the last point (``stamp_ns`` for an empty scan)."""
         return self.stamp_ns + int(self.offsets_ns.max(initial=0))
+
+    def since(self, stamp_ns: int) -> Scan:
+        """The part of the scan from ``stamp_ns`` on."""
+        if self.stamp_ns + int(self.offsets_ns.min(initial=0)) >= stamp_ns:
+            return self
+        return self._part(self.offsets_ns >= stamp_ns - self.stamp_ns)
+
+    def thinned(self, count: int) -> Scan:
+        """About ``count`` of the points, evenly from all of the scan whatever its order; itself if it has no more."""
+        if len(self.points) <= count:
+            return self
+        return self._part(_phases(len(self.points)) < count / len(self.points))
+
+    def _part(self, kept: NDArray[np.bool_]) -> Scan:
+        return Scan(
+            self.stamp_ns,
+            self.points[kept],
+            self.offsets_ns[kept],
+            None if self.ring is None else self.ring[kept],
+            None if self.intensity is None else self.intensity[kept],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from localize.state import ERROR_DIM, NavState
+from localize.state import NavState
 from semmap.geometry import se3, so3_exp
 
 
@@ -33,7 +33,7 @@ def check_jacobian() -> Callable[..., None]:
     def check(residual, jacobian, state, columns, *, step=1e-6, atol=1e-6):
         numeric = np.empty_like(jacobian)
         for k, column in enumerate(columns):
-            delta = np.zeros(ERROR_DIM)
+            delta = np.zeros(state.dim)
             delta[column] = step
             numeric[:, k] = (residual(state.boxplus(delta)) - residual(state.boxplus(-delta))) / (2 * step)
         np.testing.assert_allclose(jacobian, numeric, atol=atol)
@@ -44,3 +44,13 @@ def check_jacobian() -> Callable[..., None]:
 @pytest.fixture
 def state(rng) -> NavState:
     return random_state(rng)
+
+
+@pytest.fixture
+def located(rng) -> NavState:
+    """A state with a tail: odom lies somewhere in the map, and two anchors were heard."""
+    state = random_state(rng)
+    state.wheel_scale, state.anchors, state.range_biases = 1.1, (7, 3), rng.normal(size=2)
+    state.T_map_odom = se3(so3_exp(rng.normal(size=3)), rng.normal(size=3))
+    state.odom_centre = rng.normal(size=3)
+    return state

@@ -6,9 +6,9 @@ from scipy.stats import chi2
 from localize._numba_propagation import propagate
 from localize.filter import ErrorStateFilter, information, start_covariance
 from localize.settings import ExtrinsicSettings
-from localize.state import CLONE, ERROR_DIM, GRAVITY, POSITION, ROTATION, VELOCITY, NavState
+from localize.state import BIASES_FROM, CLONE, ERROR_DIM, GRAVITY, ODOM, POSITION, ROTATION, VELOCITY, NavState
 from localize.wheel import _COLUMNS, WheelVelocity
-from semmap.geometry import adjoint, inverse, se3, se3_exp, se3_log, so3_exp
+from semmap.geometry import adjoint, inverse, se3, se3_exp, se3_log, so3_exp, so3_log
 from semmap.rig import ImuBlock
 
 IMU = ImuBlock(topic="/imu")
@@ -35,6 +35,58 @@ def test_boxplus_and_boxminus_are_inverse(state, rng):
     delta = 0.3 * rng.normal(size=ERROR_DIM)
     delta[GRAVITY] = 0.0  # its length is held, so that part is not free
     np.testing.assert_allclose(state.boxplus(delta).boxminus(state), delta, atol=1e-12)
+
+
+def test_a_tail_moves_along(located, rng):
+    """Where odom lies in the map, and the ranges' biases, are in the error as everything before them is."""
+    delta = 0.3 * rng.normal(size=located.dim)
+    delta[GRAVITY] = 0.0
+    assert located.dim == BIASES_FROM + 2
+    np.testing.assert_allclose(located.boxplus(delta).boxminus(located), delta, atol=1e-12)
+    kept = located.copy()
+    located.range_biases[0] += 1.0
+    assert kept.range_biases[0] != located.range_biases[0]
+
+
+def _in_map(state):
+    """The robot's place in the map as the tests of the tail look at it."""
+    return state.T_map_odom @ state.T_odom_imu
+
+
+def _spread(filter, rng, n=4000):
+    """Covariance (6, 6) of the robot's turn, in the map's axes, and place over samples of the filter's error."""
+    L = np.linalg.cholesky(filter.P + 1e-16 * np.eye(len(filter.P)))
+    at = _in_map(filter.state)
+    poses = (_in_map(filter.state.boxplus(L @ rng.normal(size=len(L)))) for _ in range(n))
+    return np.cov(np.array([np.r_[so3_log(T[:3, :3] @ at[:3, :3].T), T[:3, 3] - at[:3, 3]] for T in poses]).T)
+
+
+def test_locating_odom_makes_the_robot_as_sure_as_it_was_said_to_be(state, rng):
+    """However far odometry had drifted: its error is in where odom lies, the other way round."""
+    filter = ErrorStateFilter(state, np.zeros((ERROR_DIM, ERROR_DIM)), 0, IMU)
+    filter.P[:6, :6] = np.diag([0.02, 0.03, 0.01, 0.5, 0.2, 0.4]) ** 2
+    said = np.diag([0.01, 0.02, 0.01, 0.1, 0.2, 0.3]) ** 2
+    filter.locate(se3(so3_exp(rng.normal(size=3)), 10.0 * rng.normal(size=3)), said)
+    scale = np.sqrt(np.diag(said))
+    np.testing.assert_allclose(_spread(filter, rng) / np.outer(scale, scale), np.eye(6), atol=0.1)
+    before = filter.P[ODOM, ODOM].copy()
+    filter.state.p += [30.0, 4.0, 1.0]
+    spread = _spread(filter, np.random.default_rng(1))
+    filter.centre_odom()
+    scale = np.sqrt(np.diag(spread))
+    again = _spread(filter, np.random.default_rng(1))
+    np.testing.assert_allclose(again / np.outer(scale, scale), spread / np.outer(scale, scale), atol=0.1)
+    assert filter.P[ODOM, ODOM].trace() > 2.0 * before.trace()
+
+
+def test_an_anchor_heard_has_a_bias_once(located, rng):
+    L = 0.1 * rng.normal(size=(located.dim, located.dim))
+    filter = ErrorStateFilter(located, L @ L.T, 0, IMU)
+    filter.hear(3, 0.5)
+    assert len(filter.P) == located.dim == BIASES_FROM + 2
+    filter.hear(9, 0.5)
+    assert filter.state.anchors == (7, 3, 9) and len(filter.P) == filter.state.dim
+    assert filter.P[-1, -1] == 0.25 and not filter.P[-1, :-1].any()
 
 
 def test_gravity_keeps_its_length(state, rng):

@@ -27,6 +27,13 @@ def imu_samples(flight: Flight) -> Iterator[ImuSample]:
         yield ImuSample(stamp, gyro[index], accel[index])
 
 
+def imu_biases(flight: Flight) -> tuple[Array, Array]:
+    """True biases (n, 3) of gyroscope [rad/s] and accelerometer [m/s²] at the samples of `imu_samples`."""
+    rate = flight.rig.imu.rate_hz or RATE_HZ
+    gyro, accel = _parts(flight.rig.imu, len(flight.stamps(rate)), rate, flight.rng(_SENSOR))
+    return flight.faults.noise * gyro[0], flight.faults.noise * accel[0]
+
+
 def imu_errors(
     block: ImuBlock, count: int, rate_hz: float, scale: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
@@ -35,12 +42,22 @@ def imu_errors(
     One sample's white noise is the density times the square root of the rate; the bias walk's step is its
     density divided by it.
     """
+    gyro, accel = _parts(block, count, rate_hz, rng)
+    return scale * sum(gyro), scale * sum(accel)
+
+
+def _parts(
+    block: ImuBlock, count: int, rate_hz: float, rng: np.random.Generator
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Bias and white noise (count, 3) of the gyroscope, and of the accelerometer."""
     return (
-        scale * _errors(block.gyro_bias_std, block.gyro_bias_walk, block.gyro_noise, count, rate_hz, rng),
-        scale * _errors(block.accel_bias_std, block.accel_bias_walk, block.accel_noise, count, rate_hz, rng),
+        _bias_and_noise(block.gyro_bias_std, block.gyro_bias_walk, block.gyro_noise, count, rate_hz, rng),
+        _bias_and_noise(block.accel_bias_std, block.accel_bias_walk, block.accel_noise, count, rate_hz, rng),
     )
 
 
-def _errors(turn_on: float, walk: float, density: float, count: int, rate_hz: float, rng: np.random.Generator) -> Array:
+def _bias_and_noise(
+    turn_on: float, walk: float, density: float, count: int, rate_hz: float, rng: np.random.Generator
+) -> tuple[Array, Array]:
     bias = turn_on * rng.normal(size=3) + np.cumsum(walk / np.sqrt(rate_hz) * rng.normal(size=(count, 3)), axis=0)
-    return np.asarray(bias + density * np.sqrt(rate_hz) * rng.normal(size=(count, 3)))
+    return bias, density * np.sqrt(rate_hz) * rng.normal(size=(count, 3))
