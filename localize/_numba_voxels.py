@@ -8,6 +8,8 @@ PLANES, PLANES_AND_EDGES, EDGES = 0, 1, 2
 _PLANE_RATIO, _EDGE_RATIO = 0.37, 2.1  # paper 002, Eq. 30
 _ROCK_VARIANCE, _ROCK_POINTS = 0.03**2, 10
 """How rough rock is taken to be [m²] until this many points have told: between a few scan lines anything may be."""
+_SHARED = 3.0
+"""Points that came with one scan share the error of its pose: so many count as one for how a normal leans."""
 _BIAS = 1 << 20  # cells are numbered from -2^20 to 2^20 on each axis
 
 
@@ -223,8 +225,11 @@ def _shape_near(x, y, z, size, keys, cells, rows, mean):
 
 
 @njit(cache=True, inline="always")
-def _add_leaning(c, weighted, R, p, count, mean, rows, axes, scale, h, C):
+def _add_leaning(c, weight, R, p, count, mean, rows, axes, scale, variance, h, C):
     """Add to C what the noise of a shape's points alone would give: across leans along by noise / (√n spread)."""
+    n = count[c]
+    # what the points told themselves, without the roughness taken for granted
+    noise = max(variance[c] * (n - 3 + _ROCK_POINTS) - _ROCK_POINTS * _ROCK_VARIANCE, 0.0) / (n - 3)
     dx, dy, dz = mean[c, 0] - p[0], mean[c, 1] - p[1], mean[c, 2] - p[2]
     ix = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
     iy = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
@@ -236,7 +241,7 @@ def _add_leaning(c, weighted, R, p, count, mean, rows, axes, scale, h, C):
         mz = R[0, 2] * ux + R[1, 2] * uy + R[2, 2] * uz
         h[0], h[1], h[2] = iy * mz - iz * my, iz * mx - ix * mz, ix * my - iy * mx
         h[3], h[4], h[5] = mx, my, mz
-        leaning = weighted * scale[c, k] * scale[c, k] / count[c]
+        leaning = weight * noise * scale[c, k] * scale[c, k] * _SHARED / n
         for row in range(6):
             for column in range(row, 6):
                 C[row, column] += leaning * h[row] * h[column]
@@ -255,7 +260,7 @@ def point_to_shape(
     noise alone: a normal that leans by chance looks along directions of which the true one knows nothing.
     points (n, 3) in the lidar frame; R, p: the imu in the map; columns of H: rotation and position of the imu, in its
     own axes. residuals, sigmas (n, 2) [m]: NaN where there is none. mark (cells) must be 0 and pulls
-    (2 n, 9) and met (n,) are scratch.
+    (2 n, 8) and met (n,) are scratch.
     """
     A[:, :] = 0.0
     b[:] = 0.0
@@ -321,7 +326,6 @@ def point_to_shape(
             # by how much a shape is off where the points met it, in the mean weighted as they are
             pull[6] += weight * shape2
             pull[7] += weight
-            pull[8] += weight * alone2
             residuals[i, k] = r
             sigmas[i, k] = np.sqrt(sigma2)
             used = True
@@ -336,7 +340,7 @@ def point_to_shape(
     for k in range(shapes):
         c = met[k]
         mark[c] = 0
-        _add_leaning(c, pulls[2 * k, 8] + pulls[2 * k + 1, 8], R, p, count, mean, rows, axes, scale, h, C)
+        _add_leaning(c, pulls[2 * k, 7] + pulls[2 * k + 1, 7], R, p, count, mean, rows, axes, scale, variance, h, C)
     for row in range(6):
         for column in range(row):
             A[row, column] = A[column, row]
@@ -346,12 +350,12 @@ def point_to_shape(
 
 
 @njit(cache=True)
-def beyond_noise(A, b, B, C, doubt, blind):
+def beyond_noise(A, b, B, C, blind_from, blind):
     """A (6, 6), b (6,) and B (6, 6) of `point_to_shape` without what C explains, in place; see `localize.lidar`.
 
     Rotation and position each for themselves: along a direction in which a share γ of A comes from C, b is multiplied
-    by ``1 - doubt γ``, at least 0, and A and B by its square. blind (6, 6): the directions, unit columns, where that is
-    0; the other columns are 0.
+    by ``1 - γ``, and A and B by its square; by 0 where γ is ``blind_from`` and more. blind (6, 6): unit columns along
+    these; the other columns are 0.
     """
     T, W, share, V = np.zeros((6, 6)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     blind[:, :] = 0.0
@@ -366,7 +370,7 @@ def beyond_noise(A, b, B, C, doubt, blind):
         directions = V @ W
         known = directions @ np.ascontiguousarray(A[block, block])
         for i in range(3):
-            left = max(0.0, 1.0 - doubt * share[i])
+            left = 1.0 - share[i] if share[i] < blind_from else 0.0
             for row in range(3):
                 for column in range(3):
                     T[first + row, first + column] += left * known[i, row] * directions[i, column]

@@ -18,8 +18,8 @@ _COLUMNS = np.r_[ROTATION, POSITION, LIDAR, MAP]
 _VAGUE = np.diag(np.repeat([0.05**-2, 0.5**-2], 3))
 """Where planes leave a direction open, their errors there are taken to be within 0.05 rad and 0.5 m."""
 
-_DOUBT = 1.2
-"""Noise of normals is known to so much: what is not more than this times it is nothing."""
+_BLIND_FROM = 0.5
+"""A scan is blind along a direction of which so much of what it seems to know is noise: that is known to half of it."""
 
 
 class ScanPart(NamedTuple):
@@ -109,12 +109,12 @@ def _beyond_noise(matches: Sequence[ShapeMatch]) -> _Knowledge:
     Along a smooth tunnel every normal leans by chance a little along the axis. Summed over a thousand points the small
     leanings look like centimetres of knowledge, of which there is none: errors in the variables. Along a direction in
     which a share γ of A comes from them, the solution of least squares is too small by ``1 - γ`` and its variance too
-    small by its square; both are put right, and where noise explains all, the scan is blind. Rotation and position
+    small by its square; both are put right, and where noise explains most, the scan is blind. Rotation and position
     each for themselves, so that a well known attitude does not lend its knowledge to the axis.
     """
     A, b, B, C = (np.asarray(sum(getattr(match, name) for match in matches)) for name in ("A", "b", "B", "C"))
     blind = np.empty((6, 6))
-    beyond_noise(A, b, B, C, _DOUBT, blind)
+    beyond_noise(A, b, B, C, _BLIND_FROM, blind)
     if not blind.any():
         return _Knowledge(A, b, B, np.zeros((6, 0)))
     U, size, _ = np.linalg.svd(blind)

@@ -143,7 +143,7 @@ class VoxelMap:
             np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3]),
             self.size, self._keys, self._cells, self._count, self._mean, self._rows, self._axes, self._scale,
             self._variance, noise.along, noise.across, gate, self._added, np.empty(len(points), np.int64),
-            np.empty((2 * len(points), 9)), A, b, B, C, residuals, sigmas,
+            np.empty((2 * len(points), 8)), A, b, B, C, residuals, sigmas,
         )  # fmt: skip
         return ShapeMatch(A, b, B, C, residuals, sigmas, int(matched))
 

@@ -43,7 +43,7 @@ def imu_errors(
     density divided by it.
     """
     gyro, accel = _parts(block, count, rate_hz, rng)
-    return scale * sum(gyro), scale * sum(accel)
+    return scale * (gyro[0] + gyro[1]), scale * (accel[0] + accel[1])
 
 
 def _parts(
