@@ -54,7 +54,8 @@ def align_static(
 
     The mean specific force points up; the horizontal part of the mean rate points north (gyro-compassing, for
     gyroscopes whose bias is well below the earth's rate). What that is worth follows from the noise block and stands in
-    ``heading_std``. Under vibration hand in what `localize.denoise.enhance` makes of the samples.
+    ``heading_std``. Under vibration hand in what `localize.denoise.enhance` makes of the samples, and end the stretch
+    well before motion: a turn smeared over the filter's margin outweighs the earth's rate.
 
     Parameters
     ----------
