@@ -12,6 +12,7 @@ from localize._numba_propagation import deskew, propagate
 from localize.settings import ExtrinsicSettings
 from localize.state import (
     ACCEL_BIAS,
+    BIASES_FROM,
     CLONE,
     ERROR_DIM,
     GRAVITY,
@@ -20,6 +21,7 @@ from localize.state import (
     MAP,
     ODOM,
     POSITION,
+    RANGE_SCALE,
     ROTATION,
     TAG,
     VELOCITY,
@@ -29,20 +31,19 @@ from localize.state import (
 from semmap.geometry import Array, se3, skew
 from semmap.rig import ImuBlock
 
+_SURE_SIGMAS = 2.0
+
 
 @dataclass(frozen=True, slots=True)
 class Information:
     """What a sensor says at one state: ``A = Σ HᵀN⁻¹H`` and ``b = -Σ HᵀN⁻¹r``, over the error columns ``columns``.
 
-    squared : Σ rᵀN⁻¹r; count : residuals summed.
     blind : (m, k) combinations of the columns of which the sensor says nothing, whatever A has there.
     """
 
     A: Array
     b: Array
     columns: NDArray[np.int64]
-    squared: float
-    count: int
     blind: Array | None = None
 
 
@@ -57,8 +58,14 @@ class MeasurementModel(Protocol):
 def information(residual: Array, H: Array, covariance: Array, columns: NDArray[np.int64]) -> Information:
     """Information of a residual (m,) with Jacobian (m, k) over ``columns`` (k,) and noise covariance (m, m)."""
     weighted = np.linalg.solve(covariance, H).T
-    squared = float(residual @ np.linalg.solve(covariance, residual))
-    return Information(weighted @ H, -weighted @ residual, columns, squared, len(residual))
+    return Information(weighted @ H, -weighted @ residual, columns)
+
+
+def _solved(info: Information, P: Array, rhs: Array) -> Array:
+    """``(I + P A)⁻¹ rhs`` for A that has only ``info.columns``: a system as small as these."""
+    columns = info.columns
+    small = np.eye(len(columns)) + P[np.ix_(columns, columns)] @ info.A
+    return np.asarray(rhs - P[:, columns] @ (info.A @ np.linalg.solve(small, rhs[columns])))
 
 
 def _hanging_on(info: Information, P: Array) -> Array:
@@ -92,6 +99,13 @@ class InertialTrack:
         R, p = np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3])
         deskew(points, times, self.t, self.R, self.p, self.v, self.rate, self.acceleration, R, p, out)
         return out
+
+    def moved(self, T: Array) -> InertialTrack:
+        """The track as it lies after odom's ``T`` (4, 4) moved it."""
+        R = T[:3, :3]
+        return InertialTrack(
+            self.zero_ns, self.t, R @ self.R, self.p @ R.T + T[:3, 3], self.v @ R.T, self.rate, self.acceleration @ R.T
+        )
 
     @property
     def poses(self) -> Array:
@@ -139,6 +153,13 @@ class ErrorStateFilter:
         self.stamp_ns = int(stamps_ns[-1])
         return track
 
+    def transition(self, stamp_ns: int, columns: NDArray[np.int64], F: Array, Q: Array) -> None:
+        """The covariance after a prediction of another kind: ``F``, ``Q`` (k, k) over ``columns``; the rest stays."""
+        self.P[columns] = F @ self.P[columns]
+        self.P[:, columns] = self.P[:, columns] @ F.T
+        self.P[np.ix_(columns, columns)] += Q
+        self.stamp_ns = stamp_ns
+
     def update(self, model: MeasurementModel, *, iterations: int = 1, tolerance: float = 1e-4) -> Information | None:
         """Maximum a posteriori state given one sensor (paper 000 Eq. 4); returns the last linearization or None.
 
@@ -146,7 +167,7 @@ class ErrorStateFilter:
         exactly have zero rows in it and stay as they are. Errors which the sensor is blind for are considered, but
         stay as they are (Schmidt's filter): with what hangs on them they are set aside meanwhile.
         """
-        predicted, info = self.state, None
+        predicted, info, offset = self.state, None, np.zeros(len(self.P))
         for _ in range(iterations):
             latest = model.linearize(self.state)
             if latest is None:
@@ -154,17 +175,14 @@ class ErrorStateFilter:
             info = latest
             aside = _hanging_on(info, self.P)
             P = self.P - aside @ aside.T
-            PA = np.zeros_like(P)
-            PA[:, info.columns] = P[:, info.columns] @ info.A
-            M = np.eye(len(P)) + PA
-            pull = P[:, info.columns] @ info.b - self.state.boxminus(predicted)
-            delta = np.asarray(np.linalg.solve(M, pull), dtype=np.float64)
+            delta = _solved(info, P, P[:, info.columns] @ info.b - offset)
             self.state = self.state.boxplus(delta)
             if np.abs(delta[:6]).max() < tolerance:
                 break
+            offset = self.state.boxminus(predicted)
         if info is not None:
-            rest = np.asarray(np.linalg.solve(M, np.column_stack([P, aside])), dtype=np.float64)
-            P, aside = rest[:, : len(P)], rest[:, len(P) :]
+            aside = _solved(info, P, aside)
+            P = _solved(info, P, P)
             self.P = 0.5 * (P + P.T) + aside @ aside.T
         return info
 
@@ -195,6 +213,10 @@ class ErrorStateFilter:
         J[:, MAP] = np.eye(6) - new
         J[:, ROTATION] = new[:, :3] @ self.state.R
         J[:, POSITION] = new[:, 3:]
+        # the points lie where the LiDAR is thought to be: its mounting moves them as the pose does
+        R_imu_lidar, p_imu_lidar = self.state.T_imu_lidar[:3, :3], self.state.T_imu_lidar[:3, 3]
+        turned = new[:, :3] + new[:, 3:] @ skew(self.state.R @ p_imu_lidar)
+        J[:, LIDAR] = np.hstack([turned @ self.state.R @ R_imu_lidar, new[:, 3:] @ self.state.R])
         rows = J @ self.P
         own = rows @ J.T
         self.P[MAP], self.P[:, MAP] = rows, rows.T
@@ -204,10 +226,11 @@ class ErrorStateFilter:
         """The planes put in lie off by themselves."""
         self.P[MAP, MAP] += covariance
 
-    def locate(self, T_map_odom: Array, covariance: Array) -> None:
+    def locate(self, T_map_odom: Array, covariance: Array, *, range_scale_std: float = 0.0) -> None:
         """Where odom lies becomes a state, from the place of the robot in the map, which is known apart from odom's.
 
         covariance : (6, 6) of that place's ``[φ, t]``: turned about the robot and moved, in the axes of the map.
+        range_scale_std : what the scale of UWB ranges may be off by; 0 does not estimate it.
         """
         s, R = self.state, T_map_odom[:3, :3]
         J = np.zeros((6, len(self.P)))
@@ -216,6 +239,7 @@ class ErrorStateFilter:
         J[3:, POSITION] = -R
         s.T_map_odom, s.odom_centre = T_map_odom, R @ s.p + T_map_odom[:3, 3]
         self._append(J, covariance)
+        self._append(np.zeros((1, len(self.P))), np.array([[range_scale_std**2]]))
 
     def centre_odom(self) -> None:
         """Tell the error of ``T_map_odom`` at the present place of the robot, as `centre_map` does."""
@@ -228,12 +252,42 @@ class ErrorStateFilter:
         self.P[ODOM] = J @ self.P[ODOM]
         self.P[:, ODOM] = self.P[:, ODOM] @ J.T
 
+    def doubt_odom(self, std: float) -> None:
+        """Odom may have lain elsewhere in the map, off by so much [m]."""
+        place = np.arange(ODOM.start + 3, ODOM.stop)
+        self.P[place, place] += std**2
+
+    def true_distance(self, anchor: int, distance: float) -> float:
+        """A UWB distance [m] without the anchor's bias and the radios' scale, as far as they are known for sure.
+
+        A correction below two of its deviations is none: it would carry the filter's own error into the distance.
+        """
+        s = self.state
+        if anchor not in s.anchors:
+            return distance
+        true = (distance - s.bias_of(anchor)) / s.range_scale
+        index = np.r_[RANGE_SCALE, BIASES_FROM + s.anchors.index(anchor)]
+        h = np.array([true, 1.0])
+        std = np.sqrt(h @ self.P[np.ix_(index, index)] @ h)
+        return float(true) if abs(distance - true) > _SURE_SIGMAS * std else distance
+
     def hear(self, anchor: int, std: float) -> None:
         """An anchor's range bias becomes a state [m]; odom must be located before."""
         if anchor not in self.state.anchors:
             self.state.anchors += (anchor,)
             self.state.range_biases = np.append(self.state.range_biases, 0.0)
             self._append(np.zeros((1, len(self.P))), np.array([[std**2]]))
+
+    def forget(self, anchor: int) -> None:
+        """An anchor's range bias is no longer a state."""
+        index, s = self.state.anchors.index(anchor), self.state
+        s.anchors, s.range_biases = s.anchors[:index] + s.anchors[index + 1 :], np.delete(s.range_biases, index)
+        column = BIASES_FROM + index
+        self.P = np.delete(np.delete(self.P, column, axis=0), column, axis=1)
+
+    def age_biases(self, variance: float) -> None:
+        """The range biases wandered, each by itself, by this much [m²]."""
+        self.P[BIASES_FROM:, BIASES_FROM:] += variance * np.eye(len(self.state.anchors))
 
     def _append(self, J: Array, covariance: Array) -> None:
         """New columns whose error is ``J`` times the old error, and an error of their own."""

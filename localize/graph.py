@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 
 from localize.settings import GraphSettings
-from semmap.geometry import Array, inverse
+from semmap.geometry import Array
 
 _VAGUE_RAD, _VAGUE_M = 0.5, 30.0
 
@@ -48,14 +48,14 @@ class PoseGraph:
     def __len__(self) -> int:
         return len(self._T_odom)
 
-    def add_keyframe(self, T_odom_imu: Array, up_odom: Array, covariance: Array) -> None:
-        """The next keyframe: its pose, the direction against gravity, and the covariance (6, 6) of the relative pose.
+    def add_keyframe(self, T_odom_imu: Array, up_odom: Array, T_before_imu: Array, covariance: Array) -> None:
+        """The next keyframe: its pose, the direction against gravity, and its pose relative to the keyframe before.
 
-        ``covariance`` is that of the pose relative to the keyframe before; the first keyframe's is not used.
+        ``covariance`` (6, 6) is that of the relative pose; the first keyframe's is not used.
         """
         self._up_imu.append(T_odom_imu[:3, :3].T @ up_odom)
         if self._T_odom:
-            link = _RelativePose(inverse(self._T_odom[-1]) @ T_odom_imu, covariance)
+            link = _RelativePose(T_before_imu, covariance)
             self._links.append(link)
             if self.anchored:
                 before = self.pose(len(self._T_odom) - 1)

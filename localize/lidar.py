@@ -41,6 +41,7 @@ class ScanToMap:
     gate : residuals beyond this many sigmas are left out.
     correlation : how many points share one error beyond that of their plane; divides the information.
     min_matches : fewer say nothing.
+    pose_information : (6, 6) of the last linearization, over rotation and position of the imu in its own axes.
     blind : (6, m) after `linearize`: unit directions, rotation first, in the imu's axes, that the scan says nothing of.
     """
 
@@ -50,6 +51,7 @@ class ScanToMap:
     correlation: float
     min_matches: int
     matched: int = field(default=0, init=False)
+    pose_information: Array | None = field(default=None, init=False)
     blind: Array = field(default_factory=lambda: np.zeros((6, 0)), init=False)
     _at: NavState | None = field(default=None, init=False)
     _met: list[ShapeMatch] = field(default_factory=list, init=False)
@@ -60,9 +62,9 @@ class ScanToMap:
             return None
         J = _columns_of(state)
         A, b, _, self.blind = _beyond_noise(matches)
-        squared = sum(float(np.nansum((match.residuals / match.sigmas) ** 2)) for match in matches)
+        self.pose_information = A / self.correlation
         return Information(
-            J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS, squared, self.matched,
+            J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS,
             (J @ self.blind).T if self.blind.size else None,
         )  # fmt: skip
 

@@ -30,6 +30,17 @@ class Surface(NamedTuple):
     voxels: VoxelMap
 
 
+class ScanMatch(NamedTuple):
+    """How a scan met the map: points that met a shape, points tried, and what they alone say of the pose.
+
+    information : (6, 6) by rotation and position of the imu, in its own axes; None where too few points matched.
+    """
+
+    matched: int
+    considered: int
+    information: Array | None
+
+
 class LocalMap:
     """Voxel maps of the shapes that the settings ask for, and how new they are.
 
@@ -61,8 +72,8 @@ class LocalMap:
         found = curvature_features(deskewed, scan.ring, scan.offsets_ns)
         return [Surface(deskewed[found.planar], self.planes), Surface(deskewed[found.edges], self.edges)]
 
-    def match(self, surfaces: list[Surface], filter: ErrorStateFilter) -> tuple[int, int]:
-        """Update the filter with a scan; returns how many points met a shape, and how many were tried."""
+    def match(self, surfaces: list[Surface], filter: ErrorStateFilter) -> ScanMatch:
+        """Update the filter with a scan."""
         s = self.settings
         parts = [ScanPart(voxel_means(points, s.scan_voxel), voxels) for points, voxels in surfaces]
         model = ScanToMap(parts, self.noise, s.gate, s.correlation, s.min_matches)
@@ -71,7 +82,7 @@ class LocalMap:
             self._age(model, filter)
             filter.update(model, iterations=s.iterations)
             self._blind = model.blind
-        return model.matched, sum(len(part.points) for part in parts)
+        return ScanMatch(model.matched, sum(len(part.points) for part in parts), model.pose_information)
 
     def _age(self, model: ScanToMap, filter: ErrorStateFilter) -> None:
         """What is new in the map is off by itself, too, and the scan that first meets it tells by how much."""

@@ -9,13 +9,14 @@ import numpy as np
 from localize.graph import PoseGraph
 from localize.keyframes import Keyframe, Keyframes
 from localize.matcher import IntersectionMatcher, Recognition
-from localize.modes import mode_of
 from localize.odometry import OdometryPose
+from localize.ranging import Ranging
 from localize.results import Event, LocalizationResult, State, Update
 from localize.settings import LocalizeSettings
 from localize.sightings import Sighting, Sightings
 from localize.smoothing import smoothed
 from localize.start import StartingOdometry
+from localize.watch import ModeWatch
 from semmap.geometry import Array, adjoint, inverse, rotation_between, se3, transform
 from semmap.intersections import SemanticMap
 from semmap.measurements import Measurement, PrismFix, UwbRange
@@ -44,7 +45,9 @@ class Localizer:
     IMU             propagation             -
     LiDAR scan      point to local map      - (its effect comes as relative poses)
     wheel speed     velocity at the wheel   - (likewise)
-    UWB range       -                       range to the anchor
+    UWB range       one of an anchor in     the others, those of a moment as one; one in
+                    half a second, once     half a second until then (they align odom
+                    the map is known        with the map)
     prism fix       -                       position with lever arm
     intersection    -                       pose from ICP to the database's cloud
     ==============  ======================  ==========================================
@@ -68,16 +71,21 @@ class Localizer:
         self._realtime_track: list[tuple[int, Array]] = []
         self._keyframe_track: list[tuple[int, Array]] = []
         self._events: list[Event] = []
-        self._counts: dict[str, int] = {"scans": 0, "keyframes": 0, "intersections_seen": 0, "pins": 0}
+        self._counts: dict[str, int] = {
+            "scans": 0,
+            "keyframes": 0,
+            "intersections_seen": 0,
+            "pins": 0,
+            "range_doubts": 0,
+        }
+        self._anchors_that_are: dict[str, set[int]] = {"blocked": set(), "silent": set()}
         self._recognised: set[int] = set()
-        self._mode = ""
-        self._last_used_ns: dict[str, int] = {}
+        self._watch = ModeWatch(self.settings, lidar=rig.lidar is not None)
         self._pins_dirty = False
 
     def add(self, measurement: Measurement) -> Update | None:
         """Take one measurement in, in order of arrival; returns an update when a scan was completed by it."""
-        if isinstance(measurement, UwbRange | PrismFix):
-            self._sightings.add(measurement)
+        if isinstance(measurement, UwbRange | PrismFix) and not self._sightings.add(measurement):
             return None
         update = None
         for pose in self._odometry.add(measurement):
@@ -97,7 +105,9 @@ class Localizer:
         elif self._referenced:
             trajectory = _trajectory("map", [])
         realtime = _trajectory(frame, self._realtime_track)
-        return LocalizationResult(trajectory, realtime, odometry, tuple(self._events), self._summary())
+        return LocalizationResult(
+            trajectory, realtime, odometry, tuple(self._events), self._summary(), tuple(self._watch.uncertainty)
+        )
 
     def _reached(self, pose: OdometryPose) -> Update:
         """The steps of paper 004 section 3 for one scan."""
@@ -106,15 +116,21 @@ class Localizer:
         if pose.keyframe:
             self._newest = self._add_keyframe(pose)
             self._recognise_intersection(self._newest)
+        self._note_ranges()
         self._take_sightings(pose)
         if self._pins_dirty:
             self._solve()
-        self._note_mode(pose.stamp_ns)
-        return self._publish(pose)
+            self._share_ranges()
+        self._note_mode(pose)
+        update = self._publish(pose)
+        self._watch.note_uncertainty(pose, update)
+        return update
 
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
         keyframe = self._keyframes.add(pose)
-        self._graph.add_keyframe(keyframe.T_odom_imu, keyframe.up_odom, self._link_covariance(pose))
+        self._graph.add_keyframe(
+            keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._link_covariance(pose)
+        )
         self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
         self._counts["keyframes"] += 1
         if self._graph.anchored:
@@ -173,7 +189,48 @@ class Localizer:
             for sighting in self._sightings.kept:
                 self._pin_sighting(sighting, gate=False)
             self._solve()
+            self._share_ranges()
             self._set_state("tracking", pose.stamp_ns, "aligned by ranges and fixes")
+
+    def _share_ranges(self) -> None:
+        """Tell the filter where odom lies, once: from then on it takes its part of the ranges.
+
+        It is told the graph's place at the last keyframe with twice its deviations. What the place was found by is
+        counted in the graph; the filter needs it to begin with, and soon knows better by itself.
+        """
+        uwb, engine = self.rig.uwb, self._odometry.odometry
+        if uwb is None or engine is None or self._sightings.shared:
+            return
+        R = self._graph.pose(len(self._graph) - 1)[:3, :3]
+        turned = np.kron(np.eye(2), R)
+        ranging = Ranging(uwb, self._sightings.anchors, self.settings.ranges)
+        engine.locate(self._T_map_odom(), 4.0 * turned @ self._covariance @ turned.T, ranging)
+        self._sightings.shared = True
+
+    def _note_ranges(self) -> None:
+        """What the filter thought of the ranges it was given."""
+        engine = self._odometry.odometry
+        if engine is None or engine.ranging is None:
+            return
+        for reading, verdict in engine.judged:
+            if not verdict.refused:
+                self._watch.fitted("uwb", reading.anchor, reading.stamp_ns)
+                continue
+            off = {"off_m": verdict.innovation, "why": verdict.refused}
+            self._event(reading.stamp_ns, "range_refused", anchor=reading.anchor, **off)
+        engine.judged.clear()
+        self._note_anchors(engine.ranging, engine.filter.stamp_ns)
+
+    def _note_anchors(self, ranging: Ranging, stamp_ns: int) -> None:
+        """Anchors that became blocked, fell silent, or are heard again."""
+        for kind, now in (("blocked", ranging.check.blocked), ("silent", ranging.check.silent(stamp_ns))):
+            before = self._anchors_that_are[kind]
+            for anchor in sorted(now ^ before):
+                self._event(stamp_ns, f"anchor_{kind}" if anchor in now else f"anchor_no_longer_{kind}", anchor=anchor)
+            self._anchors_that_are[kind] = now
+        if ranging.doubts > self._counts["range_doubts"]:
+            self._event(stamp_ns, "ranges_contradict")
+            self._counts["range_doubts"] = ranging.doubts
 
     def _pin_sighting(self, sighting: Sighting, *, gate: bool = True) -> None:
         """A range or fix as a factor on the keyframe before it, if it fits what is known (paper 000)."""
@@ -182,30 +239,47 @@ class Localizer:
         p_imu = transform(inverse(self._keyframe_track[index][1]), sighting.p_odom[None])[0]
         predicted = transform(self._graph.pose(index), p_imu[None])[0]
         error = predicted - sighting.p_map
-        off = abs(np.linalg.norm(error) - sighting.distance)
+        distance = self._true_distance(sighting)
+        off = abs(np.linalg.norm(error) - distance)
         s = self.settings.sightings
         std = float(np.hypot(sighting.std, np.sqrt(np.trace(self._covariance[3:, 3:]))))
         if gate and off > max(s.min_gate, s.max_innovation * std):
             kind = "prism" if sighting.anchor is None else "range"
             self._event(sighting.stamp_ns, f"{kind}_refused", anchor=sighting.anchor, off_m=float(off))
             return
+        if sighting.anchor in self._anchors_that_are["blocked"]:
+            self._event(sighting.stamp_ns, "range_refused", anchor=sighting.anchor, off_m=float(off), why="blocked")
+            return
         if sighting.anchor is None:
-            variance = sighting.std**2 + self.settings.graph.drift_position**2
+            variance = sighting.std**2 * sighting.alike + self.settings.graph.drift_position**2
             self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3))
         else:
-            self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, sighting.distance, sighting.std)
-        self._last_used_ns["prism" if sighting.anchor is None else "uwb"] = sighting.stamp_ns
+            noise = sighting.std * np.sqrt(sighting.alike)
+            self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, distance, noise)
+        self._watch.fitted("prism" if sighting.anchor is None else "uwb", sighting.anchor, sighting.stamp_ns)
         self._counts["pins"] += 1
         self._pins_dirty = True
 
-    def _note_mode(self, stamp_ns: int) -> None:
+    def _true_distance(self, sighting: Sighting) -> float:
+        """As the filter has come to know the radios."""
         engine = self._odometry.odometry
-        if engine is not None:
-            self._last_used_ns["wheel"] = engine.last_wheel_used_ns
-        mode = mode_of(stamp_ns, self._last_used_ns, lidar=self.rig.lidar is not None)
-        if mode != self._mode:
-            self._event(stamp_ns, "mode", before=self._mode, after=mode)
-            self._mode = mode
+        if sighting.anchor is None or engine is None:
+            return sighting.distance
+        return engine.filter.true_distance(sighting.anchor, sighting.distance)
+
+    def _note_mode(self, pose: OdometryPose) -> None:
+        engine = self._odometry.odometry
+        wheel = engine.wheel if engine is not None else None
+        self._events.extend(self._watch.reached(pose, wheel, outside=self._outside_sphere(pose)))
+
+    def _outside_sphere(self, pose: OdometryPose) -> float | None:
+        """How far from the middle of the anchors' sphere over its radius (Eq. 18); None where place or sphere are not
+        known."""
+        uwb = self.rig.uwb
+        if uwb is None or uwb.center is None or uwb.max_range is None or not self._graph.anchored:
+            return None
+        p_map = transform(self._T_map_odom(), pose.state.p[None])[0] + self._shift
+        return float(np.linalg.norm(p_map - uwb.center) / uwb.max_range)
 
     def _anchor(self, T_map_odom: Array, stamp_ns: int, by: str) -> None:
         self._graph.anchor(T_map_odom)
@@ -226,7 +300,7 @@ class Localizer:
         if not self._referenced:
             self._realtime_track.append((pose.stamp_ns, pose.T_odom_imu))
         elif self._graph.anchored and self._state == "tracking" and self._newest is not None:
-            since = inverse(self._newest.T_odom_imu) @ pose.T_odom_imu
+            since = np.eye(4) if pose.keyframe else pose.T_keyframe_imu
             T_map_imu = _shifted((self._graph.pose(len(self._graph) - 1) @ since)[None], self._shift)[0]
             carried = adjoint(inverse(since))
             covariance = carried @ self._covariance @ carried.T
@@ -249,7 +323,8 @@ class Localizer:
             **self._counts,
             "intersections_recognised": sorted(self._recognised),
             "dropped": dict(engine.dropped) if engine else {},
-            "wheel_slips": engine.slips if engine else 0,
+            "wheel_slips": sum(change.slipping for change in engine.wheel.changes) if engine and engine.wheel else 0,
+            "wheel_scale": engine.filter.state.wheel_scale if engine and engine.wheel else None,
             "imu_gaps": engine.gaps if engine else 0,
             "unknown_anchors": sorted(self._sightings.unknown_anchors),
             "state": self._state,

@@ -9,16 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localize.filter import ErrorStateFilter, InertialTrack, joined
-from localize.local_map import LocalMap
+from localize.local_map import LocalMap, ScanMatch
+from localize.range_check import Verdict
+from localize.ranging import Ranging
 from localize.settings import KeyframeSettings, OdometrySettings
+from localize.slip import WheelFusion
 from localize.state import NavState
-from localize.wheel import WheelVelocity
+from localize.uwb import Vertical
 from semmap.geometry import Array, inverse, rotation_angle, transform
-from semmap.measurements import ImuSample, Measurement, Scan, WheelSpeed
+from semmap.measurements import ImuSample, Measurement, Scan, UwbRange, WheelSpeed
 from semmap.rig import Rig
 
 _TICK_NS = 100_000_000
 """Without a LiDAR poses come at this interval."""
+_VERTICAL_STD = 0.002
+"""How well the axes of the map stand upright [rad]."""
 _GAP_NS = 50_000_000
 """A hole in the IMU's stamps longer than this is counted in ``gaps``; the rates are interpolated across it."""
 
@@ -32,7 +37,9 @@ class OdometryPose:
     that were used; empty without a scan.
     matched : scan points that met a plane; considered : scan points tried.
     keyframe : whether the filter moved far enough since the last one (paper 004 Eq. 8, 9).
-    since_keyframe : (6, 6) covariance of the pose relative to the last keyframe, rotation first, right perturbation.
+    T_keyframe_imu : (4, 4) pose relative to the last keyframe; where ranges came in between, as now known of both.
+    since_keyframe : (6, 6) covariance of that, rotation first, right perturbation.
+    scan_information : (6, 6) what the scan alone says of the pose, None without one (see `ScanMatch`).
     """
 
     stamp_ns: int
@@ -42,7 +49,9 @@ class OdometryPose:
     matched: int
     considered: int
     keyframe: bool
+    T_keyframe_imu: Array
     since_keyframe: Array
+    scan_information: Array | None
 
     @property
     def T_odom_imu(self) -> Array:
@@ -68,23 +77,35 @@ class Odometry:
         self.rig, self.settings, self.keyframes, self.filter = rig, settings, keyframes, start
         self.map = LocalMap(rig.lidar, settings) if rig.lidar is not None else None
         self.dropped: dict[str, int] = {}
-        self.slips = self.gaps = 0
+        self.wheel = WheelFusion(rig.wheel, settings) if rig.wheel is not None else None
+        self.gaps = 0
         self._imu: list[ImuSample] = []
         self._imu_stamps: list[int] = []
         self._wheel: list[WheelSpeed] = []
         self._scans: list[Scan] = []
-        self._last_wheel_ns = -(1 << 62)
-        self.last_wheel_used_ns = -(1 << 62)
-        self._any_keyframe = False
+        self._T_odom_keyframe: Array | None = None
+        self.ranging: Ranging | None = None
+        self.judged: list[tuple[UwbRange, Verdict]] = []
+        self._ranges: list[UwbRange] = []
+        self._ranged = False
+
+    def locate(self, T_map_odom: Array, covariance: Array, ranging: Ranging) -> None:
+        """From now on ranges are taken in; ``covariance`` (6, 6) of the robot's place in the map, in the map's axes."""
+        self.filter.locate(T_map_odom, covariance, range_scale_std=ranging.block.scale_std)
+        self.filter.update(Vertical(_VERTICAL_STD))
+        self.ranging = ranging
 
     def add(self, measurement: Measurement) -> list[OdometryPose]:
         """Take one measurement in; returns the poses that became known (usually none or one)."""
         match measurement:
             case ImuSample():
                 self._add_imu(measurement)
-            case WheelSpeed() if self.rig.wheel is not None:
+            case WheelSpeed() if self.wheel is not None:
                 if self._in_time(measurement.stamp_ns, "wheel"):
                     bisect.insort(self._wheel, measurement, key=lambda m: m.stamp_ns)
+            case UwbRange() if self.ranging is not None:
+                if self._in_time(measurement.stamp_ns, "range"):
+                    bisect.insort(self._ranges, measurement, key=lambda m: m.stamp_ns)
             case Scan() if self.rig.lidar is not None:
                 if self._in_time(measurement.end_ns, "scan"):
                     bisect.insort(self._scans, measurement, key=lambda m: m.end_ns)
@@ -128,48 +149,84 @@ class Odometry:
         """One scan: propagate with the wheel on the way, deskew, match, extend the local map."""
         track = self._propagate(end_ns)
         deskewed = np.empty((0, 3))
-        matched = considered = 0
+        match = ScanMatch(0, 0, None)
         T_imu_lidar = self.filter.state.T_imu_lidar
         if scan is not None and self.map is not None:
             scan = scan.since(track.zero_ns - _TICK_NS // 2)
             sparse = scan.thinned(self.settings.scan_points)
             deskewed = track.deskew(sparse.points, sparse.offsets_ns, sparse.stamp_ns, T_imu_lidar)
             surfaces = self.map.surfaces(sparse, deskewed)
-            matched, considered = self.map.match(surfaces, self.filter)
+            match = self.map.match(surfaces, self.filter)
             self.map.extend(surfaces, self.filter)
-        keyframe, since_keyframe = self._keyframe_rule()
+        T_keyframe_imu, covariance = self._since_keyframe(), self.filter.covariance_since_clone()
+        keyframe = self._keyframe_rule()
         if keyframe and scan is not None:
             deskewed = track.deskew(scan.points, scan.offsets_ns, scan.stamp_ns, T_imu_lidar)
         return OdometryPose(
-            end_ns, self.filter.state.copy(), self.filter.P.copy(), deskewed, matched, considered, keyframe,
-            since_keyframe,
+            end_ns, self.filter.state.copy(), self.filter.P.copy(), deskewed, match.matched, match.considered, keyframe,
+            T_keyframe_imu, covariance, match.information,
         )  # fmt: skip
 
-    def _keyframe_rule(self) -> tuple[bool, Array]:
-        """Whether this pose is a keyframe (paper 004 Eq. 8, 9; the first is), and its covariance since the last one."""
-        s, covariance = self.filter.state, self.filter.covariance_since_clone()
+    def _since_keyframe(self) -> Array:
+        """Pose (4, 4) relative to the last keyframe.
+
+        Ranges move the pose and the last keyframe together, by what odometry had slid before: that is no motion.
+        """
+        T = self.filter.state.T_odom_imu
+        if self._T_odom_keyframe is None:
+            return np.eye(4)
+        return inverse(self.filter.state.T_odom_clone if self._ranged else self._T_odom_keyframe) @ T
+
+    def _keyframe_rule(self) -> bool:
+        """Whether this pose is a keyframe (paper 004 Eq. 8, 9); the first is."""
+        s = self.filter.state
         dT = inverse(s.T_odom_clone) @ s.T_odom_imu
         moved = np.linalg.norm(dT[:3, 3]) > self.keyframes.distance
         turned = rotation_angle(dT[:3, :3]) > self.keyframes.angle
-        if not (moved or turned or not self._any_keyframe):
-            return False, covariance
-        self._any_keyframe = True
+        if not (moved or turned or self._T_odom_keyframe is None):
+            return False
+        self._T_odom_keyframe, self._ranged = s.T_odom_imu, False
         self.filter.clone_pose()
-        return True, covariance
+        return True
 
     def _propagate(self, end_ns: int) -> InertialTrack:
-        tracks = []
+        tracks: list[InertialTrack] = []
         while self._wheel and self._wheel[0].stamp_ns <= end_ns:
-            reading = self._wheel.pop(0)
-            if reading.stamp_ns - self._last_wheel_ns < self.settings.wheel_interval_s * 1e9:
-                continue
+            reading = self._mean_wheel_speed(end_ns)
+            self._take_ranges(reading.stamp_ns, tracks)
             if reading.stamp_ns > self.filter.stamp_ns:
                 tracks.append(self._predict(reading.stamp_ns))
-                self._last_wheel_ns = reading.stamp_ns
-                self._take_wheel(reading, tracks[-1].rate[-1] + self.filter.state.gyro_bias)
+                if self.wheel is not None:
+                    gyro = tracks[-1].rate[-1] + self.filter.state.gyro_bias
+                    self.wheel.take(reading, gyro, self.filter)
+        self._take_ranges(end_ns, tracks)
         if end_ns > self.filter.stamp_ns or not tracks:
             tracks.append(self._predict(end_ns))
         return joined(tracks)
+
+    def _mean_wheel_speed(self, end_ns: int) -> WheelSpeed:
+        """The readings of the next moment up to ``end_ns`` as one at their mean time, no surer than each: a wheel that
+        slides a little does so in all of them."""
+        until_ns = min(end_ns, self._wheel[0].stamp_ns + round(self.settings.wheel_interval_s * 1e9) - 1)
+        count = bisect.bisect_right(self._wheel, until_ns, key=lambda reading: reading.stamp_ns)
+        readings, self._wheel = self._wheel[:count], self._wheel[count:]
+        first_ns = readings[0].stamp_ns
+        later_ns = round(np.mean([reading.stamp_ns - first_ns for reading in readings]))
+        return WheelSpeed(first_ns + later_ns, float(np.mean([reading.speed for reading in readings])))
+
+    def _take_ranges(self, until_ns: int, tracks: list[InertialTrack]) -> None:
+        """Ranges up to a time, each at its own, into the filter; ``tracks`` go on, and move along with the pose."""
+        while self.ranging is not None and self._ranges and self._ranges[0].stamp_ns <= until_ns:
+            reading = self._ranges.pop(0)
+            if reading.stamp_ns > self.filter.stamp_ns:
+                tracks.append(self._predict(reading.stamp_ns))
+            before = inverse(self.filter.state.T_odom_imu)
+            verdict = self.ranging.take(reading, self.filter)
+            self.judged.append((reading, verdict))
+            if not verdict.refused:
+                self._ranged = True
+                moved = self.filter.state.T_odom_imu @ before
+                tracks[:] = [track.moved(moved) for track in tracks]
 
     def _predict(self, end_ns: int) -> InertialTrack:
         """Propagate from the filter's time to ``end_ns``, with the IMU interpolated at both ends."""
@@ -189,14 +246,3 @@ class Odometry:
         )
         del self._imu[:first], self._imu_stamps[:first]
         return track
-
-    def _take_wheel(self, reading: WheelSpeed, gyro: Array) -> None:
-        assert self.rig.wheel is not None
-        s = self.settings
-        forward = np.hypot(self.rig.wheel.speed_std, s.wheel_scale_std * reading.speed)
-        model = WheelVelocity(reading.speed, gyro, np.array([forward, s.sideways_std, s.sideways_std]))
-        if model.forward_mahalanobis2(self.filter.state, self.filter.P) > s.slip_gate:
-            self.slips += 1
-            return
-        self.filter.update(model)
-        self.last_wheel_used_ns = reading.stamp_ns

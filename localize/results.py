@@ -31,12 +31,34 @@ class Update:
 
 
 @dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """How well the pose was known when a scan was done, and what held it.
+
+    mode : `localize.modes`. degenerate : whether the pose was, by any of the three degrees. scan_degree : standard
+    deviation [m] with which the scan alone placed the robot in its weakest direction; translation_degree and
+    rotation_degree : paper 000's, [m] and [rad] a metre (see `localize.degeneracy`); NaN while not known.
+    rotation_std : (3,) [rad] about the imu's axes; position_odom : (3, 3) [m²] in the axes of odom, of the filter.
+    position_map : (3, 3) [m²] of the published pose in the axes of the map, or None without one.
+    """
+
+    stamp_ns: int
+    mode: str
+    degenerate: bool
+    scan_degree: float
+    translation_degree: float
+    rotation_degree: float
+    rotation_std: Array
+    position_odom: Array
+    position_map: Array | None
+
+
+@dataclass(frozen=True, slots=True)
 class LocalizationResult:
     """A whole run.
 
     trajectory : final smoothed poses, in ``map``; empty where a map was asked for and never found.
     realtime : what was known when each scan was done. odometry : the filter alone, in ``odom``.
-    events : in order of time. summary : counts.
+    events : in order of time. summary : counts. uncertainty : one a scan.
     """
 
     trajectory: Trajectory
@@ -44,3 +66,4 @@ class LocalizationResult:
     odometry: Trajectory
     events: tuple[Event, ...]
     summary: dict[str, Any]
+    uncertainty: tuple[Uncertainty, ...]

@@ -38,7 +38,7 @@ class OdometrySettings(Settings):
     features: Literal["planes", "eigenvalues", "curvature"] = "planes"
     """What scans are matched by: planes; planes and edges told apart in the map (paper 002 Eq. 30); or in the scan, by
     the curvature of its rings (LOAM)."""
-    scan_points: PositiveInt = 6000
+    scan_points: PositiveInt = 8000
     """A scan of more points is thinned evenly to so many; keyframes keep all."""
     scan_voxel: PositiveFloat = 0.4
     """Scan points are averaged over voxels of this edge [m] before matching."""
@@ -49,13 +49,11 @@ class OdometrySettings(Settings):
     """How many matched points share one error of the local map."""
     min_matches: PositiveInt = 30
     wheel_interval_s: PositiveFloat = 0.1
-    """Wheel readings closer than this are skipped: their errors repeat."""
-    wheel_scale_std: PositiveFloat = 0.01
-    """Unknown scale of the wheel, relative."""
+    """Wheel readings over this long are averaged into one."""
+    wheel_scale_std: NonNegativeFloat = 0.01
+    """How far off the wheel's scale may be, relative; it is estimated. 0 takes the wheel at its word."""
     sideways_std: PositiveFloat = 0.1
     """How well the non-holonomic constraint holds, sideways and upward [m/s]."""
-    slip_gate: PositiveFloat = 16.0
-    """Squared Mahalanobis distance of the forward speed beyond which the wheel slips."""
     start_s: PositiveFloat = 2.0
     """The first stretch, run several times to find speed and tilt [s]."""
     start_velocity_std: PositiveFloat = 2.0
@@ -118,11 +116,38 @@ class VerificationSettings(Settings):
     """Places found from different keyframes must be this close in odom [m]."""
 
 
+class DegeneracySettings(Settings):
+    """When the pose counts as degenerate, in some direction (paper 000 Eq. 15 to 17)."""
+
+    measure: Literal["per metre", "paper"] = "per metre"
+    """What of the covariance is compared: standard deviation of the way from keyframe to keyframe over its length, or
+    the eigenvalues of paper 000's M = BᵀB as printed."""
+    translation: PositiveFloat = 0.05
+    """Threshold D_p: [m] a metre, or as printed."""
+    rotation: PositiveFloat = 0.05
+    """Threshold D_r: [rad] a metre, or as printed."""
+    scan: PositiveFloat = 0.05
+    """A scan alone that places the LiDAR no better than this in some direction is weak there [m]."""
+
+
+class ModeSettings(Settings):
+    """When the motion mode changes (paper 000 Eq. 18, 19)."""
+
+    hold_s: PositiveFloat = 2.0
+    """A sensor that said nothing for this long no longer counts [s]."""
+    dwell_s: PositiveFloat = 1.0
+    """Evidence must last this long before it counts [s]."""
+    slack: PositiveFloat = 0.25
+    """How far back beyond its limit a conclusion must be before it is given up, relative."""
+    min_anchors: PositiveInt = 2
+    """Anchors that must be heard before UWB holds the place; it does until none is."""
+
+
 class SightingSettings(Settings):
     """UWB ranges and prism fixes."""
 
     interval_s: PositiveFloat = 0.5
-    """Readings of one anchor, or of the prism, closer than this are skipped [s]."""
+    """Readings of one anchor, or of the prism, closer than this share one error [s]."""
     window: PositiveInt = 400
     """Sightings that the first alignment looks at, at the most."""
     align_yaw_std: PositiveFloat = 0.03
@@ -135,14 +160,35 @@ class SightingSettings(Settings):
     """A sighting off by less than this is not refused [m]."""
 
 
+class RangeSettings(Settings):
+    """UWB ranges on their way into the filter."""
+
+    max_innovation: PositiveFloat = 4.0
+    """A range off by more sigmas than this is refused."""
+    min_gate: PositiveFloat = 0.3
+    """A range off by less than this is not refused [m]."""
+    huber_sigmas: PositiveFloat = 2.0
+    """Beyond this many sigmas a range weighs less."""
+    max_speed: PositiveFloat = 3.0
+    """A range that changes faster than the robot moves has jumped [m/s]."""
+    memory_s: PositiveFloat = 2.0
+    """What an anchor read longer ago than this tells nothing of its next reading [s]."""
+    together_s: PositiveFloat = 1.0
+    """Ranges of this long a time make one fix where there is nothing but ranges [s]."""
+    in_row: PositiveInt = 3
+    """Readings in a row after which an anchor is taken to be blocked, or to be heard again."""
+    bias_walk: NonNegativeFloat = 0.003
+    """How fast what an anchor reads too long wanders [m/√s]."""
+
+
 class GraphSettings(Settings):
     """The pose graph."""
 
-    link_correlation: PositiveFloat = 25.0
+    link_correlation: PositiveFloat = 4.0
     """Keyframes in a row whose odometry errs the same way: multiplies the variance of relative positions."""
-    drift_position: PositiveFloat = 0.002
+    drift_position: PositiveFloat = 0.0005
     """Least error of a relative pose [m]."""
-    drift_rotation: PositiveFloat = 0.0003
+    drift_rotation: PositiveFloat = 0.00005
     """The same of its attitude [rad]."""
     pin_position: PositiveFloat = 0.01
     """Least standard deviation of a pin [m]: what map and sensor can do."""
@@ -163,4 +209,7 @@ class LocalizeSettings(Settings):
     matcher: MatcherSettings = Field(default_factory=MatcherSettings)
     verification: VerificationSettings = Field(default_factory=VerificationSettings)
     sightings: SightingSettings = Field(default_factory=SightingSettings)
+    degeneracy: DegeneracySettings = Field(default_factory=DegeneracySettings)
+    modes: ModeSettings = Field(default_factory=ModeSettings)
+    ranges: RangeSettings = Field(default_factory=RangeSettings)
     graph: GraphSettings = Field(default_factory=GraphSettings)

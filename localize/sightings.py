@@ -19,7 +19,7 @@ class Sighting:
     """One range or fix with the place in odom of the point that was sighted.
 
     p_odom : (3,) tag or prism. anchor : id, or None for a prism fix. p_map : (3,) of the anchor or the prism.
-    distance : measured range [m], 0 for a fix. std : [m].
+    distance : measured range [m], 0 for a fix. std : [m]. alike : how many readings share one error.
     """
 
     stamp_ns: int
@@ -28,6 +28,7 @@ class Sighting:
     p_map: Array
     distance: float
     std: float
+    alike: float = 1.0
 
 
 class Sightings:
@@ -40,54 +41,78 @@ class Sightings:
         self.rig, self.settings = rig, settings
         self._anchors = {i: p - shift for i, p in rig.uwb.anchor_positions().items()} if rig.uwb else {}
         self._shift = shift
-        self._waiting: deque[UwbRange | PrismFix] = deque()
+        self._waiting: deque[tuple[UwbRange | PrismFix, float]] = deque()
         self._taken_ns: dict[int | None, int] = {}
         self._poses: deque[tuple[int, Array]] = deque(maxlen=100)
         self._kept: deque[Sighting] = deque(maxlen=settings.window)
         self._tried = 0
         self.unknown_anchors: set[int] = set()
+        self.shared = False
+        """Whether the filter takes its part of the ranges."""
+        self._filters_last_ns: dict[int, int] = {}
+        self._graph_had: dict[int, bool] = {}
 
-    def add(self, measurement: UwbRange | PrismFix) -> None:
-        """Take a range or fix in; what the rig has no block for, or no anchor, is left out."""
+    @property
+    def anchors(self) -> dict[int, Array]:
+        """Anchor id -> place (3,) in the shifted map."""
+        return dict(self._anchors)
+
+    def add(self, measurement: UwbRange | PrismFix) -> bool:
+        """Take a range or fix in, or say that it is the filter's: each is counted once.
+
+        What the rig has no block for, or no anchor, is left out. Readings of one source within ``interval_s`` share
+        one error: before anything is anchored one of them will do, later all are used and count as one.
+        """
         if isinstance(measurement, UwbRange):
             if self.rig.uwb is None:
-                return
+                return False
             if measurement.anchor not in self._anchors:
                 self.unknown_anchors.add(measurement.anchor)
-                return
+                return False
         elif self.rig.total_station is None:
-            return
+            return False
         source = measurement.anchor if isinstance(measurement, UwbRange) else None
-        since = measurement.stamp_ns - self._taken_ns.get(source, -(1 << 62))
-        # readings of one source a moment apart share one error
-        if 0 <= since < self.settings.interval_s * 1e9:
-            return
+        since_s = (measurement.stamp_ns - self._taken_ns.get(source, -(1 << 62))) * 1e-9
+        if not self.shared and 0.0 <= since_s < self.settings.interval_s:
+            return False
         self._taken_ns[source] = measurement.stamp_ns
-        self._waiting.append(measurement)
+        if source is not None and self.shared and self._is_filters_turn(source, measurement.stamp_ns):
+            return True
+        self._waiting.append((measurement, max(1.0, self.settings.interval_s / max(since_s, 1e-3))))
+        return False
+
+    def _is_filters_turn(self, anchor: int, stamp_ns: int) -> bool:
+        """One reading of an anchor per interval, and every other one where they come more slowly than that."""
+        since_ns = stamp_ns - self._filters_last_ns.get(anchor, -(1 << 62))
+        turn = since_ns >= self.settings.interval_s * 1e9 and self._graph_had.get(anchor, False)
+        self._graph_had[anchor] = not turn
+        if turn:
+            self._filters_last_ns[anchor] = stamp_ns
+        return turn
 
     def reached(self, stamp_ns: int, T_odom_imu: Array) -> list[Sighting]:
         """The odometry came to a pose: what was sighted until then."""
         self._poses.append((stamp_ns, T_odom_imu))
-        ready = [m for m in self._waiting if m.stamp_ns <= stamp_ns]
-        self._waiting = deque(m for m in self._waiting if m.stamp_ns > stamp_ns)
-        ready = [m for m in ready if m.stamp_ns >= self._poses[0][0]]
+        ready = [(m, alike) for m, alike in self._waiting if self._poses[0][0] <= m.stamp_ns <= stamp_ns]
+        self._waiting = deque((m, alike) for m, alike in self._waiting if m.stamp_ns > stamp_ns)
         if not ready:
             return []
         stamps = np.array([stamp for stamp, _ in self._poses], np.int64)
         poses = np.array([pose for _, pose in self._poses])
-        at = interpolate_poses(stamps, poses, np.array([m.stamp_ns for m in ready], np.int64))
-        sightings = [self._sighting(m, T) for m, T in zip(ready, at, strict=True)]
+        at = interpolate_poses(stamps, poses, np.array([m.stamp_ns for m, _ in ready], np.int64))
+        sightings = [self._sighting(m, T, alike) for (m, alike), T in zip(ready, at, strict=True)]
         self._kept.extend(sightings)
         return sightings
 
-    def _sighting(self, m: UwbRange | PrismFix, T_odom_imu: Array) -> Sighting:
+    def _sighting(self, m: UwbRange | PrismFix, T_odom_imu: Array, alike: float) -> Sighting:
         if isinstance(m, UwbRange):
             assert self.rig.uwb is not None
             tag = transform(T_odom_imu, np.array([self.rig.uwb.p_imu_tag]))[0]
-            return Sighting(m.stamp_ns, tag, m.anchor, self._anchors[m.anchor], m.distance, self.rig.uwb.range_std)
+            std = self.rig.uwb.range_std
+            return Sighting(m.stamp_ns, tag, m.anchor, self._anchors[m.anchor], m.distance, std, alike)
         assert self.rig.total_station is not None
         prism = transform(T_odom_imu, np.array([self.rig.total_station.p_imu_prism]))[0]
-        return Sighting(m.stamp_ns, prism, None, m.p_map - self._shift, 0.0, self.rig.total_station.point_std)
+        return Sighting(m.stamp_ns, prism, None, m.p_map - self._shift, 0.0, self.rig.total_station.point_std, alike)
 
     @property
     def kept(self) -> list[Sighting]:

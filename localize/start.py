@@ -7,7 +7,7 @@ import numpy as np
 from localize.filter import ErrorStateFilter, start_covariance
 from localize.odometry import Odometry, OdometryPose
 from localize.settings import KeyframeSettings, OdometrySettings
-from localize.state import NavState
+from localize.state import SCALE, NavState
 from semmap.geometry import Array, rotation_between, se3
 from semmap.measurements import ImuSample, Measurement, Scan, WheelSpeed
 from semmap.rig import STANDARD_GRAVITY, Rig
@@ -89,6 +89,8 @@ class StartingOdometry:
         P = start_covariance(
             rig.imu, tilt_std=s.start_tilt_std, velocity_std=s.start_velocity_std, g=state.g, mountings=s.extrinsics
         )
+        if rig.wheel is not None:
+            P[SCALE, SCALE] = s.wheel_scale_std**2
         return ErrorStateFilter(state, P, stamp_ns, rig.imu)
 
 

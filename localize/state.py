@@ -23,8 +23,9 @@ SCALE = slice(48, 49)
 ERROR_DIM = 49
 """Of a state that has no tail. All columns up to here are always there; what is not estimated has no covariance."""
 ODOM = slice(49, 55)
-BIASES_FROM = 55
-"""The tail: where odom lies in the map, once that is known, and after it one range bias for each anchor heard."""
+RANGE_SCALE = slice(55, 56)
+BIASES_FROM = 56
+"""The tail: where odom lies in the map, once that is known, the ranges' scale, and a bias for each anchor heard."""
 _POSES = (slice(0, 6), LIDAR, TAG, WHEEL, CLONE)
 """36 as in paper 000; 6 of the last keyframe's pose, whose correlation with the present gives the relative pose
 covariance between keyframes; 6 of the local map, which lies as wrong as the poses it was built from; and the wheel's
@@ -42,6 +43,7 @@ class NavState:
     wheel_scale : true speed over that of the wheel.
     T_map_odom : where odom lies in the map, or None while nobody knows; errs like ``T_odom_map``, turned about
     ``odom_centre`` (3,), a place in the map near the robot.
+    range_scale : UWB distances as read over true ones.
     anchors, range_biases : ids of the UWB anchors heard, and what each reads too long (n,) [m].
     """
 
@@ -60,6 +62,7 @@ class NavState:
     wheel_scale: float = 1.0
     T_map_odom: Array | None = None
     odom_centre: Array = field(default_factory=lambda: np.zeros(3))
+    range_scale: float = 1.0
     anchors: tuple[int, ...] = ()
     range_biases: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -67,6 +70,10 @@ class NavState:
     def dim(self) -> int:
         """Columns of the error: `ERROR_DIM` and the tail."""
         return ERROR_DIM if self.T_map_odom is None else BIASES_FROM + len(self.anchors)
+
+    def bias_of(self, anchor: int) -> float:
+        """What an anchor reads too long [m]; zero where it has no bias."""
+        return float(self.range_biases[self.anchors.index(anchor)]) if anchor in self.anchors else 0.0
 
     @property
     def T_odom_imu(self) -> Array:
@@ -99,6 +106,7 @@ class NavState:
             if self.T_map_odom is None
             else _moved_about(self.odom_centre, delta[ODOM]) @ self.T_map_odom,
             odom_centre=self.odom_centre,
+            range_scale=self.range_scale + (float(delta[RANGE_SCALE][0]) if self.T_map_odom is not None else 0.0),
             anchors=self.anchors,
             range_biases=self.range_biases + delta[BIASES_FROM:],
         )
@@ -124,6 +132,7 @@ class NavState:
         delta[SCALE] = self.wheel_scale - other.wheel_scale
         if self.T_map_odom is not None and other.T_map_odom is not None:
             delta[ODOM] = _move_about(self.odom_centre, self.T_map_odom @ inverse(other.T_map_odom))
+            delta[RANGE_SCALE] = self.range_scale - other.range_scale
             delta[BIASES_FROM:] = self.range_biases - other.range_biases
         return delta
 

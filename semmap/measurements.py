@@ -95,12 +95,13 @@ class Scan:
         return self._part(_phases(len(self.points)) < count / len(self.points))
 
     def _part(self, kept: NDArray[np.bool_]) -> Scan:
+        rows = np.flatnonzero(kept)
         return Scan(
             self.stamp_ns,
-            self.points[kept],
-            self.offsets_ns[kept],
-            None if self.ring is None else self.ring[kept],
-            None if self.intensity is None else self.intensity[kept],
+            self.points.take(rows, axis=0),
+            self.offsets_ns.take(rows),
+            None if self.ring is None else self.ring.take(rows),
+            None if self.intensity is None else self.intensity.take(rows),
         )
 
 

@@ -16,6 +16,7 @@ from pydantic import (
     ConfigDict,
     Field,
     FiniteFloat,
+    NonNegativeFloat,
     PositiveFloat,
     PositiveInt,
     model_validator,
@@ -113,9 +114,15 @@ class WheelBlock(SensorBlock):
 
 
 class UwbBlock(SensorBlock):
-    """UWB tag and its anchors (map frame) by id; ``center``, ``max_range`` as in paper 000, Eq. 18."""
+    """UWB tag and its anchors (map frame) by id; ``center``, ``max_range`` as in paper 000, Eq. 18.
+
+    ``range_std`` [m] of one reading; beside it, each anchor may read too long by ``bias_std`` [m], and all of them by
+    the share ``scale_std``: how well the radios are calibrated. 0 takes them to be.
+    """
 
     range_std: PositiveFloat = 0.1
+    bias_std: NonNegativeFloat = 0.03
+    scale_std: NonNegativeFloat = 0.0
     p_imu_tag: Vector3
     q_imu_tag_xyzw: Quaternion = _IDENTITY
     anchors: dict[int, Vector3] = Field(min_length=1)

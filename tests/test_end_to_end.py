@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
@@ -13,7 +14,10 @@ from semmap.trajectory import Trajectory
 from tools import cli
 
 SECONDS = 60
-RUN_FILES = ("trajectory.tum", "realtime.tum", "odometry.tum", "events.jsonl", "summary.json", "settings.yaml")
+RUN_FILES = (
+    "trajectory.tum", "realtime.tum", "odometry.tum", "events.jsonl", "uncertainty.csv", "summary.json",
+    "settings.yaml",
+)  # fmt: skip
 
 
 def semmap(*words: object) -> None:
@@ -55,6 +59,17 @@ def test_a_run_leaves_all_its_files(run: Path) -> None:
     assert summary["ms_per_scan_median"] > 0.0
     assert summary["peak_memory_mb"] > 0.0
     assert all({"stamp_ns", "kind"} <= json.loads(line).keys() for line in (run / "events.jsonl").open())
+
+
+def test_the_uncertainty_has_a_line_for_each_scan(run: Path) -> None:
+    with (run / "uncertainty.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [round(float(row["stamp"]) * 1e9) for row in rows] == Trajectory.load_tum(
+        run / "odometry.tum"
+    ).stamps_ns.tolist()
+    assert {row["mode"] for row in rows} <= {"LIO", "LIW"}
+    assert all(float(row["odom_xx"]) >= 0.0 and row["degenerate"] in "01" for row in rows)
+    assert rows[0]["map_xx"] == "" and 0.0 < float(rows[-1]["map_xx"]) < 0.1
 
 
 def test_the_trajectory_is_in_the_map_without_alignment(run: Path) -> None:

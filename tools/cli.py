@@ -220,7 +220,7 @@ def localize(
 ) -> None:
     """Localize a recording.
 
-    Writes trajectory.tum, realtime.tum, odometry.tum, events.jsonl, summary.json and settings.yaml.
+    Writes trajectory.tum, realtime.tum, odometry.tum, events.jsonl, uncertainty.csv, summary.json and settings.yaml.
     """
     from tools.progress import progress_bar
     from tools.run import localize_recording, outcome

@@ -1,7 +1,8 @@
 """A recording through the localizer, into a run directory.
 
 The directory holds ``trajectory.tum`` (smoothed, map frame), ``realtime.tum`` (what was known when each scan
-was done), ``odometry.tum`` (the filter alone), ``events.jsonl``, ``summary.json`` and ``settings.yaml``.
+was done), ``odometry.tum`` (the filter alone), ``events.jsonl``, ``uncertainty.csv``, ``summary.json`` and
+``settings.yaml``.
 """
 
 from __future__ import annotations
@@ -22,11 +23,14 @@ import numpy as np
 
 import semmap
 from localize import LocalizationResult, Localizer
+from localize.compilation import kernels_compiled
+from localize.results import Uncertainty
 from semmap import database
 from semmap.errors import SettingsError
 from semmap.measurements import Measurement
 from semmap.recordings import read_recording
 from semmap.rig import Rig
+from semmap.trajectory import text_of_stamp_ns
 from tools.files import writable_directory, write_text
 from tools.progress import Advance
 from tools.settings import ToolSettings
@@ -36,6 +40,14 @@ AIDS = ("uwb", "wheel", "prism", "lidar", "intersections")
 
 NEVER_ANCHORED = """no poses: the run never found its place in the map (events.jsonl says what was seen)
 odometry.tum holds the odometry, in a frame of its own"""
+
+_UPPER = np.triu_indices(3)
+_AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
+UNCERTAINTY_COLUMNS = (
+    "stamp", "mode", "degenerate", "scan_degree", "translation_degree", "rotation_degree",
+    "rx_std", "ry_std", "rz_std", *(f"odom_{axes}" for axes in _AXES), *(f"map_{axes}" for axes in _AXES),
+)  # fmt: skip
+"""Of `uncertainty.csv`, see docs/files.md."""
 
 LIBRARIES = ("numpy", "scipy", "numba", "gtsam", "open3d-cpu", "open3d")
 
@@ -60,6 +72,8 @@ def localize_recording(
     rig = Rig.from_yaml(rig_file).without(*without)
     semantic_map = database.load(map_file) if map_file is not None and "intersections" not in without else None
     localizer = Localizer(rig, semantic_map, settings.localize)
+    if not kernels_compiled():
+        print("compiling the kernels of the odometry, once: up to half a minute", file=sys.stderr)
     started = time.perf_counter()
     measurements = read_recording(recording, rig, progress=progress)
     scan_ms = stream(localizer, measurements)
@@ -119,8 +133,21 @@ def write_run(out: Path, result: LocalizationResult, summary: dict[str, Any], se
     result.realtime.save_tum(out / "realtime.tum")
     result.odometry.save_tum(out / "odometry.tum")
     write_text(out / "events.jsonl", "".join(json.dumps(event, default=_plain) + "\n" for event in result.events))
+    write_text(out / "uncertainty.csv", uncertainty_csv(result.uncertainty))
     write_text(out / "settings.yaml", settings.to_yaml())
     write_text(out / "summary.json", json.dumps(summary, indent=1, default=_plain) + "\n")
+
+
+def uncertainty_csv(rows: Iterable[Uncertainty]) -> str:
+    """The table of `uncertainty.csv` as text; what is not known is an empty cell."""
+    lines = [",".join(UNCERTAINTY_COLUMNS)]
+    for row in rows:
+        position_map = np.full((3, 3), np.nan) if row.position_map is None else row.position_map
+        degrees = (row.scan_degree, row.translation_degree, row.rotation_degree)
+        numbers = [*degrees, *row.rotation_std, *row.position_odom[_UPPER], *position_map[_UPPER]]
+        cells = [f"{number:.6g}" if np.isfinite(number) else "" for number in numbers]
+        lines.append(",".join([text_of_stamp_ns(row.stamp_ns), row.mode, str(int(row.degenerate)), *cells]))
+    return "\n".join(lines) + "\n"
 
 
 def outcome(summary: Mapping[str, Any]) -> str:

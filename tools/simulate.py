@@ -20,7 +20,8 @@ def simulate_mine(
         done = simulate(
             source, out=out, route=route, rig=sensors, seed=settings.seed, settings=settings.simulate, progress=progress
         )
-    write_text(out / "settings.yaml", settings.to_yaml())
+    used = settings.model_copy(update={"simulate": done.settings})
+    write_text(out / "settings.yaml", used.to_yaml())
     return done
 
 

@@ -36,8 +36,8 @@ def odometry(truth, rng=None):
 def graph_of(track):
     graph = PoseGraph(GraphSettings())
     up_odom = drive(1)[0, :3, :3].T @ [0.0, 0.0, 1.0]
-    for T in track:
-        graph.add_keyframe(T, up_odom, LINK)
+    for before, T in zip([track[0], *track[:-1]], track, strict=True):
+        graph.add_keyframe(T, up_odom, inverse(before) @ T, LINK)
     return graph
 
 
@@ -63,8 +63,8 @@ def test_keyframes_after_the_anchor_continue_the_track():
     graph.anchor(truth[0])
     graph.pin_pose(3, truth[3], PIN)
     graph.solve()
-    for T in track[10:]:
-        graph.add_keyframe(T, np.array([0.0, 0.0, 1.0]), LINK)
+    for before, T in pairwise(track[9:]):
+        graph.add_keyframe(T, np.array([0.0, 0.0, 1.0]), inverse(before) @ T, LINK)
     graph.solve()
     np.testing.assert_allclose(graph.poses(), truth, atol=1e-5)
 

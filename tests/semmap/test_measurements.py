@@ -55,3 +55,32 @@ def test_bad_measurements_are_refused(name):
 def test_measurements_are_frozen():
     with pytest.raises(AttributeError):
         WheelSpeed(0, 1.0).speed = 2.0
+
+
+def scan_of(points, offsets, **columns):
+    return Scan(1_000, np.asarray(points, np.float32), np.asarray(offsets, np.int64), **columns)
+
+
+@pytest.mark.parametrize("by", ["ring", "column"])
+def test_a_thinned_scan_keeps_some_of_every_ring_and_column(by):
+    """Evenly, whatever the order in which a driver writes the points."""
+    ring, column = np.meshgrid(np.arange(16), np.arange(900), indexing="ij" if by == "ring" else "xy")
+    ring, column = ring.ravel(), column.ravel()
+    scan = scan_of(np.column_stack([column, ring, 0 * ring]), column, ring=ring.astype(np.uint16))
+    thin = scan.thinned(6000)
+    assert abs(len(thin.points) - 6000) < 10
+    counts = np.bincount(thin.ring, minlength=16)
+    assert counts.min() > 0.9 * 375 and counts.max() < 1.1 * 375
+    per_sector = np.bincount(thin.offsets_ns // 30, minlength=30)
+    assert per_sector.min() > 0.9 * 200 and per_sector.max() < 1.1 * 200
+    np.testing.assert_array_equal(thin.points[:, 1], thin.ring)
+    assert scan.thinned(14_400) is scan
+
+
+def test_the_part_of_a_scan_since_a_time():
+    scan = scan_of(np.arange(12).reshape(4, 3), [-20, 0, 10, 30], intensity=np.arange(4, dtype=np.float32))
+    assert scan.since(980) is scan
+    late = scan.since(1_005)
+    np.testing.assert_array_equal(late.offsets_ns, [10, 30])
+    np.testing.assert_array_equal(late.intensity, [2, 3])
+    assert late.ring is None and late.stamp_ns == 1_000

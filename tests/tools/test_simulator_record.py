@@ -20,6 +20,8 @@ from semmap.recordings import read_recording
 from semmap.rig import Rig
 from semmap.trajectory import Trajectory
 from tools import cli
+from tools.evaluate import read_check_points
+from tools.metrics import point_errors
 from tools.simulator import (
     SimulationSettings,
     default_rig,
@@ -53,7 +55,7 @@ def test_a_built_in_mine_gives_all_files(tmp_path: Path) -> None:
     reports: list[tuple[int, int]] = []
     out = tmp_path / "new" / "sim"
     done = simulate("drift", out=out, seed=2, settings=SHORT, progress=lambda *report: reports.append(report))
-    names = {"prior_map.laz", "recording", "rig.yaml", "ground_truth.tum", "junctions.csv"}
+    names = {"prior_map.laz", "recording", "rig.yaml", "ground_truth.tum", "check_points.csv", "junctions.csv"}
     assert {path.name for path in out.iterdir()} == names
     assert [path.name for path in out.parent.iterdir()] == ["sim"]
     assert done.scans == 30 and done.junctions == 2 and done.duration_s == pytest.approx(3.0)
@@ -83,6 +85,13 @@ def test_the_files_read_back_as_what_was_simulated(tmp_path: Path) -> None:
     assert_allclose(truth.poses, flight.truth().poses, atol=1e-6)
 
 
+def test_check_points_read_back_as_places_on_the_true_way(tmp_path: Path) -> None:
+    simulate("drift", out=tmp_path / "sim", seed=2, settings=SHORT)
+    points = read_check_points(tmp_path / "sim" / "check_points.csv")
+    truth = Trajectory.load_tum(tmp_path / "sim" / "ground_truth.tum")
+    assert_allclose(point_errors(truth, points.stamps_ns, points.points), np.zeros(15), atol=1e-4)
+
+
 def test_the_same_seed_writes_the_same_bytes_over_the_old_ones(tmp_path: Path) -> None:
     def contents(path: Path) -> dict[str, bytes]:
         return {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}
@@ -91,7 +100,7 @@ def test_the_same_seed_writes_the_same_bytes_over_the_old_ones(tmp_path: Path) -
     first = contents(tmp_path / "a")
     simulate("drift", out=tmp_path / "a", seed=3, settings=SHORT)
     assert contents(tmp_path / "a") == first
-    assert len(first) == 6
+    assert len(first) == 7
 
 
 def test_a_mesh_gives_everything_but_junctions(tmp_path: Path, hall: tuple[Path, Path]) -> None:

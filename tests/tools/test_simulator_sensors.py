@@ -210,7 +210,7 @@ def test_uwb_ranges_are_true_in_line_of_sight_and_long_behind_rock() -> None:
     assert seen.sum() > 100 and (~seen).sum() > 20
     assert_allclose(excess[seen], 0.0, atol=1e-9)
     assert (excess[~seen] >= 0.0).all() and excess[~seen].mean() == pytest.approx(2.0, rel=0.5)
-    assert true.max() <= 40.0
+    assert np.linalg.norm(tag - rig.uwb.center, axis=1).max() <= 40.0 < true.max()
 
 
 def test_uwb_outliers_and_noise() -> None:
@@ -223,6 +223,39 @@ def test_uwb_outliers_and_noise() -> None:
     error = np.array([r.distance for r in ranges]) - true
     assert (np.abs(error) > 1.0).mean() == pytest.approx(0.1, abs=0.04)
     assert 1.4826 * np.median(np.abs(error)) == pytest.approx(rig.uwb.range_std, rel=0.25)
+
+
+def uwb_of(faults: dict[str, object], **more: float) -> list[UwbRange]:
+    rig = with_uwb(default_rig(), hall(), (0.0, 0.0, 2.0), max_range=60.0)
+    return of_type(UwbRange, simulate_measurements(flight(rig, PERFECT.model_copy(update=faults), **more)))
+
+
+def test_ranges_by_a_detour_are_long_and_change_no_other() -> None:
+    straight = uwb_of({"uwb_nlos_bias": 2.0, "noise": 1.0}, duration_s=30.0)
+    bent = uwb_of({"uwb_nlos_bias": 2.0, "noise": 1.0, "uwb_nlos_rate": 0.1}, duration_s=30.0)
+    assert [(m.stamp_ns, m.anchor) for m in bent] == [(m.stamp_ns, m.anchor) for m in straight]
+    excess = np.array([b.distance - s.distance for b, s in zip(bent, straight, strict=True)])
+    assert (excess >= 0.0).all()
+    assert (excess > 0.0).mean() == pytest.approx(0.1, abs=0.03)
+    assert excess[excess > 0.0].mean() == pytest.approx(2.0, rel=0.25)
+
+
+def test_a_dead_anchor_says_nothing_and_a_silence_is_everybodys() -> None:
+    assert {m.anchor for m in uwb_of({})} == {100, 101, 102, 103}
+    assert {m.anchor for m in uwb_of({"uwb_dead": (101, 103)})} == {100, 102}
+    seconds = np.array([m.stamp_ns for m in uwb_of({"uwb_silent_s": (7.0, 8.5)})]) * 1e-9 - 1000.0
+    assert ((seconds < 7.0) | (seconds >= 8.5)).all()
+    assert (seconds < 7.0).sum() > 30 and (seconds >= 8.5).sum() > 30
+
+
+def test_a_long_slip_is_where_and_as_much_as_asked() -> None:
+    speeds = {
+        name: of_type(WheelSpeed, simulate_measurements(flight(None, PERFECT.model_copy(update=faults))))
+        for name, faults in {"none": {}, "slip": {"wheel_slip": 0.2, "wheel_slip_s": (7.0, 8.0)}}.items()
+    }
+    seconds = np.array([m.stamp_ns for m in speeds["none"]]) * 1e-9 - 1000.0
+    ratio = np.array([slip.speed / true.speed for slip, true in zip(speeds["slip"], speeds["none"], strict=True)])
+    assert_allclose(ratio, np.where((seconds >= 7.0) & (seconds < 8.0), 1.2, 1.0))
 
 
 def test_prism_fixes_only_in_line_of_sight() -> None:

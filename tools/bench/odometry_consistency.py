@@ -25,7 +25,7 @@ from semmap.geometry import Array, inverse, so3_log
 from semmap.rig import LidarBlock, Rig
 from tools.bench.odometry_recordings import tunnel
 from tools.files import write_text
-from tools.simulator import MineScenario, SimulationSettings, default_rig, fly, scenario, simulate_measurements
+from tools.simulator import Mine, SimulationSettings, default_rig, dig, fly, scenario, simulate_measurements
 from tools.simulator.flight import Flight
 from tools.simulator.imu import imu_biases
 from tools.tables import text_table
@@ -75,8 +75,8 @@ def _rig(max_range: float | None) -> Rig:
     return Rig(frame=rig.frame, imu=rig.imu, lidar=lidar)
 
 
-def _mine(name: str, seed: int) -> MineScenario:
-    return tunnel(seed) if name == "tunnel" else scenario(name, seed=seed)
+def _mine(name: str, seed: int) -> Mine:
+    return dig(tunnel(seed)) if name == "tunnel" else scenario(name, seed=seed)
 
 
 def normalised_errors(flight: Flight) -> dict[str, Array]:

@@ -32,4 +32,4 @@ class Ours:
 
     def estimates(self) -> list[Estimate]:
         new, self._new = self._new, []
-        return [Estimate(pose.stamp_ns, pose.T_odom_imu, pose.covariance[:6, :6]) for pose in new]
+        return [Estimate(pose.stamp_ns, pose.T_odom_imu, pose.covariance[:6, :6].copy()) for pose in new]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from semmap.measurements import ImuSample, Scan
 from semmap.rig import LidarBlock, Rig
 from tools.bench.odometry_cache import Recorded, RecordedWriter
 from tools.simulator import (
+    SCENARIOS,
     Mine,
     MineScenario,
     MotionSettings,
@@ -46,7 +48,7 @@ class Plan:
     LiDAR, motion and faults."""
 
     mine: Callable[[int], MineScenario] | None
-    lidar: dict[str, float | int]
+    lidar: Mapping[str, Any]
     motion: MotionSettings
     faults: SensorFaults = field(default_factory=SensorFaults)
 
@@ -91,6 +93,14 @@ def tunnel(seed: int) -> MineScenario:
 _STEADY = MotionSettings(still_s=STILL_S)
 _SHAKEN = MotionSettings(still_s=STILL_S, speed=3.0, wobble_deg=3.0, vibration_accel=1.0, vibration_gyro=0.05)
 
+
+def _as_built_in(name: str) -> Plan:
+    """A built-in mine whose own robot goes through it."""
+    robot = SCENARIOS[name](0).robot
+    assert robot is not None and robot.rig.lidar is not None
+    return Plan(SCENARIOS[name], robot.rig.lidar.model_dump(exclude_unset=True), robot.motion)
+
+
 PLANS: dict[str, Plan] = {
     "mesh": Plan(None, {}, _STEADY),
     "rough": Plan(rough_mine, {}, _STEADY),
@@ -99,9 +109,12 @@ PLANS: dict[str, Plan] = {
         rough_mine, {"beams": 16, "columns": 450, "range_std": 0.04}, _SHAKEN, SensorFaults(lidar_dropout=0.2)
     ),
     "tunnel": Plan(tunnel, {"max_range": 30.0}, _STEADY),
+    "coal-tunnel": _as_built_in("coal-tunnel"),
+    "coal-tunnel-1km": _as_built_in("coal-tunnel-1km"),
 }
 """``mesh``: a mesh and a route of one's own; ``rough``: 2 km with rough walls; ``dense``: 32 beams of 1800 columns;
-``poor``: 16 of 450, 4 cm noise, a fifth lost, 3 m/s, shaken; ``tunnel``: it all looks the same, the LiDAR sees 30 m.
+``poor``: 16 of 450, 4 cm noise, a fifth lost, 3 m/s, shaken; ``tunnel``: it all looks the same, the LiDAR sees 30 m;
+``coal-tunnel``, ``coal-tunnel-1km``: the built-in mines, less wheel and UWB.
 """
 
 

@@ -12,11 +12,12 @@ from semmap.errors import InputFileError, SemmapError
 from semmap.intersections import SemanticMap
 from semmap.trajectory import Trajectory
 from tools.evaluate import load_trajectories
+from tools.report.uncertainty import Uncertainties, read_uncertainties
 
 
 @dataclass(frozen=True, slots=True)
 class RunFiles:
-    """One run: trajectories by name, events, summary, settings text; evaluation, truth, map where known."""
+    """One run: trajectories by name, events, summary, settings text; evaluation, truth, map and uncertainty if any."""
 
     name: str
     trajectories: dict[str, Trajectory]
@@ -26,6 +27,7 @@ class RunFiles:
     evaluation: dict[str, Any]
     truth: Trajectory | None
     semantic_map: SemanticMap | None
+    uncertainty: Uncertainties | None = None
 
     @property
     def start_ns(self) -> int:
@@ -37,6 +39,7 @@ def read_run(directory: Path) -> RunFiles:
     """The run in ``directory``; raises `InputFileError` where a file of it is missing or damaged."""
     trajectories = load_trajectories(directory)
     summary = _json(directory / "summary.json")
+    told = directory / "uncertainty.csv"
     evaluation = _json(directory / "evaluation.json") if (directory / "evaluation.json").is_file() else {}
     return RunFiles(
         name=directory.resolve().name,
@@ -47,6 +50,7 @@ def read_run(directory: Path) -> RunFiles:
         evaluation=evaluation,
         truth=_truth(evaluation.get("truth")),
         semantic_map=_semantic_map(summary.get("map")),
+        uncertainty=read_uncertainties(told) if told.is_file() else None,
     )
 
 

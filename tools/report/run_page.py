@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from semmap.errors import TrajectoryError
 from semmap.geometry import Array
 from semmap.trajectory import Trajectory
 from tools.evaluate import ERROR_HEAD, MAP_FRAME, TRAJECTORIES, error_rows
 from tools.metrics import Pairs, associate, start_alignment
+from tools.report.covariance import covariance_over_distance, ellipses_along_track
 from tools.report.events import accepted_intersections, cell, event_tables, state_bands
 from tools.report.figures import BLUE, FAINT, GREEN, INK, ORANGE
 from tools.report.page import facts, figure, folded, note, page, section, table
@@ -33,6 +36,7 @@ def run_page(run: RunFiles) -> str:
         section("Plan", _plan(run, placed)),
         section("Position over time", _positions(run, placed)),
         section("Errors", _error_table(run.evaluation), _errors(run, placed), _point_rows(run.evaluation)),
+        section("How well the position was known", _covariances(run)),
         section("State", _states(run)),
         *(section(title, rows) for title, rows in event_tables(run.events, run.start_ns)),
         section("What computed this", _costs(run.summary), folded("settings as used", run.settings)),
@@ -150,6 +154,19 @@ def _point_rows(evaluation: Mapping[str, Any]) -> str:
     rows = [[name, *(cell(one["errors"][name]) for one in points.values())] for name in names]
     rows += [[key, *(cell(one[key]) for one in points.values())] for key in ("AvgErr", "TotalErr") if points]
     return table(["check point, error [m]", *points], rows)
+
+
+def _covariances(run: RunFiles) -> str:
+    """The figures of paper 000 on covariance, along the track that it is the covariance of."""
+    known = run.uncertainty
+    track = run.trajectories.get("realtime" if known is not None and known.frame == MAP_FRAME else "odometry")
+    if known is None or track is None or len(track) < 2:
+        return ""
+    known = known.at(track.stamps_ns)
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track.positions, axis=0), axis=1))])
+    return figure(covariance_over_distance(known, way), "Bands: the mode, see State.") + figure(
+        ellipses_along_track(known, track.positions)
+    )
 
 
 def _states(run: RunFiles) -> str:

@@ -17,8 +17,9 @@ from tools.simulator.mine import Mine
 from tools.simulator.motion import Motion
 from tools.simulator.progress import Progress, ignored
 from tools.simulator.rigs import default_rig
+from tools.simulator.roadways import Robot
 from tools.simulator.route import checked_route, control_points
-from tools.simulator.settings import SensorFaults, SimulationSettings
+from tools.simulator.settings import MotionSettings, SensorFaults, SimulationSettings
 
 EPOCH_NS = 1_000_000_000_000
 """Stamp of the moment the robot's motion begins: robots' clocks do not start at zero."""
@@ -81,8 +82,8 @@ def fly(
     mine : where.
     route : (n, 3) floor points in the map frame, or (n, 2) without heights; the scenario's own if None. Heights
         that do not fit the mine's floor are replaced by it, see `on_floor`.
-    rig : the robot's sensors; `default_rig` if None.
-    settings : motion, faults, start and duration.
+    rig : the robot's sensors; the scenario's own robot's, or `default_rig`, if None.
+    settings : motion, faults, start and duration; see `driven_settings`.
     seed : of wobble and sensor errors.
     progress : called with (done, total) while the path is kept clear of the rock.
 
@@ -93,7 +94,7 @@ def fly(
     SettingsError
         If the recording would start after the flight has ended.
     """
-    settings = settings or SimulationSettings()
+    settings, rig = driven_settings(mine, settings), rig or robot_of(mine).rig
     way = _floor_route(mine, route, settings.motion.height)
     controls = kept_clear(control_points(way.points, settings.motion), mine, progress or ignored)
     motion = Motion(controls, settings.motion, seed)
@@ -108,13 +109,27 @@ def fly(
     return Flight(
         mine,
         motion,
-        rig or default_rig(),
+        rig,
         settings.faults,
         settings.start_s,
         min(last, motion.duration_s),
         seed,
         way.shift,
     )
+
+
+def robot_of(mine: Mine) -> Robot:
+    """The scenario's own robot, or else the default one."""
+    if mine.scenario is not None and mine.scenario.robot is not None:
+        return mine.scenario.robot
+    return Robot(default_rig(), MotionSettings())
+
+
+def driven_settings(mine: Mine, settings: SimulationSettings | None) -> SimulationSettings:
+    """The settings with the motion of the mine's own robot wherever ``settings`` do not set it themselves."""
+    settings = settings or SimulationSettings()
+    own, said = (one.model_dump(exclude_unset=True) for one in (robot_of(mine).motion, settings.motion))
+    return settings.model_copy(update={"motion": MotionSettings(**{**own, **said})})
 
 
 def _floor_route(mine: Mine, route: ArrayLike | None, height: float) -> FloorRoute:

@@ -15,18 +15,19 @@ from semmap.geometry import Array
 from semmap.measurements import Scan
 from semmap.recordings import RecordingWriter
 from semmap.rig import Rig
-from tools.simulator.flight import EPOCH_NS, Flight, fly
+from tools.simulator.check_points import save_check_points
+from tools.simulator.flight import EPOCH_NS, Flight, driven_settings, fly, robot_of
 from tools.simulator.junctions import save_junctions
 from tools.simulator.measurements import arrival_ns, simulate_measurements
 from tools.simulator.mine import MESH_SUFFIXES, Mine, load_mesh, scenario
 from tools.simulator.progress import PERCENT, Progress, ignored, part
-from tools.simulator.rigs import as_recorded, default_rig, save_rig
+from tools.simulator.rigs import as_recorded, save_rig
 from tools.simulator.route import load_route
 from tools.simulator.settings import SimulationSettings
 from tools.simulator.surveying import survey
 
 PRIOR_MAP, RECORDING, RIG = "prior_map.laz", "recording", "rig.yaml"
-GROUND_TRUTH, JUNCTIONS = "ground_truth.tum", "junctions.csv"
+GROUND_TRUTH, CHECK_POINTS, JUNCTIONS = "ground_truth.tum", "check_points.csv", "junctions.csv"
 
 _DUG, _CHECKED, _RECORDED = 10, 15, 95
 """[%] of the whole when these steps are done."""
@@ -41,6 +42,7 @@ class Simulation:
         intersections are.
     scans, measurements : counts. duration_s, length_m : of the recorded flight.
     floor_shift : by how much the heights of a route of one's own were moved to the mine's floor, see `fly` [m].
+    settings : as used: with the motion of the mine's own robot where none was asked for.
     """
 
     out: Path
@@ -51,6 +53,7 @@ class Simulation:
     duration_s: float
     length_m: float
     floor_shift: float
+    settings: SimulationSettings
 
 
 def simulate(
@@ -63,17 +66,18 @@ def simulate(
     settings: SimulationSettings | None = None,
     progress: Progress | None = None,
 ) -> Simulation:
-    """Simulate a mine and a robot in it; write prior map, recording, rig, ground truth and reference junctions.
+    """Simulate a mine and a robot in it; write prior map, recording, rig, truth, check points and reference junctions.
 
     The files appear in ``out`` when all of them are done; an error leaves it as it was.
 
     Parameters
     ----------
     source : name of a built-in mine (`tools.simulator.scenarios`) or a mesh file in metres, z up.
-    out : directory for ``prior_map.laz``, ``recording/``, ``rig.yaml``, ``ground_truth.tum`` and, for built-in
-        mines only, ``junctions.csv``.
+    out : directory for ``prior_map.laz``, ``recording/``, ``rig.yaml``, ``ground_truth.tum``, ``check_points.csv`` and,
+        for built-in mines only, ``junctions.csv``.
     route : CSV of floor points, heights may be left out, see `load_route`; the built-in mine's own route if None.
-    rig : the robot's sensors, `default_rig` if None.
+    rig : the robot's sensors; the mine's own robot's, or `default_rig`, if None.
+    settings : where they do not set the motion, the mine's own robot moves its own way.
     seed : of everything random; the same seed gives the same files.
     progress : called with (done, total) from time to time.
 
@@ -83,12 +87,13 @@ def simulate(
         For an unknown source, a bad mesh or route, a route that leaves the mine, or an ``out`` that is in
         the way.
     """
-    out, settings = Path(out), settings or SimulationSettings()
+    out = Path(out)
     report = progress or ignored
     _check_out(out)
     points = None if route is None else load_route(route)
     mine = _open_mine(source, seed, part(report, 0, _DUG))
-    sensors = as_recorded(rig or default_rig())
+    settings = driven_settings(mine, settings)
+    sensors = as_recorded(rig or robot_of(mine).rig)
     flight = fly(mine, points, sensors, settings=settings, seed=seed, progress=part(report, _DUG, _CHECKED))
     aside = _make_aside(out)
     try:
@@ -97,6 +102,7 @@ def simulate(
         save_rig(aside / RIG, flight.rig)
         truth = flight.truth()
         truth.save_tum(aside / GROUND_TRUTH)
+        save_check_points(aside / CHECK_POINTS, truth)
         if mine.scenario:
             save_junctions(aside / JUNCTIONS, mine.junctions)
         _move_in(aside, out)
@@ -105,7 +111,7 @@ def simulate(
     report(PERCENT, PERCENT)
     duration = flight.last_s - flight.first_s
     junctions = len(mine.junctions) if mine.scenario else None
-    return Simulation(out, mine.name, junctions, *counts, duration, truth.length(), flight.floor_shift)
+    return Simulation(out, mine.name, junctions, *counts, duration, truth.length(), flight.floor_shift, settings)
 
 
 def _open_mine(source: str | Path, seed: int, report: Progress) -> Mine:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -13,7 +13,9 @@ from semmap.errors import RigError
 from semmap.files import written_whole
 from semmap.geometry import Array
 from semmap.rig import ImuBlock, LidarBlock, Rig, TotalStationBlock, UwbBlock, WheelBlock
-from tools.simulator.mine import Mine
+
+if TYPE_CHECKING:
+    from tools.simulator.mine import Mine
 
 _ANCHOR_IDS = 100
 _OFF_THE_WALL = 0.3

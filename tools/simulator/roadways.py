@@ -11,6 +11,8 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from semmap.errors import InputFileError
 from semmap.geometry import Array
+from semmap.rig import Rig
+from tools.simulator.settings import MotionSettings
 from tools.simulator.waves import PlaneWaves
 
 _AXIS_STEP = 2.0
@@ -40,6 +42,14 @@ class Roadway:
 
 
 @dataclass(frozen=True, slots=True)
+class Robot:
+    """What goes through a mine unless somebody says otherwise: its sensors, and how it moves."""
+
+    rig: Rig
+    motion: MotionSettings
+
+
+@dataclass(frozen=True, slots=True)
 class MineScenario:
     """A mine on paper.
 
@@ -48,6 +58,7 @@ class MineScenario:
     relief : RMS of the floor's undulation over 20 to 60 m [m]; texture : wavelengths of the rock's
     roughness [m].
     origin : added to all coordinates, for mines on a national grid. seed : of relief and rock.
+    robot : its own, where one belongs to it.
     """
 
     name: str
@@ -58,6 +69,7 @@ class MineScenario:
     texture: tuple[float, float] = (0.7, 6.0)
     origin: Point = (0.0, 0.0, 0.0)
     seed: int = 0
+    robot: Robot | None = None
 
     def __post_init__(self) -> None:
         numbers = [*self.nodes.values(), *(point for roadway in self.roadways for point in roadway.via)]

@@ -6,10 +6,12 @@ import difflib
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from semmap.errors import InputFileError
+from tools.simulator.coal_tunnel import LONG_M, coal_tunnel
 from tools.simulator.level_plan import level_plan
 from tools.simulator.random_plan import random_plan
 from tools.simulator.roadways import MineScenario, Point, Roadway
@@ -196,6 +198,8 @@ SCENARIOS: dict[str, Callable[[int], MineScenario]] = {
     "random": random,
     "levels": levels,
     "pillars": pillars,
+    "coal-tunnel": coal_tunnel,
+    "coal-tunnel-1km": partial(coal_tunnel, length=LONG_M),
 }
 
 

@@ -39,8 +39,11 @@ class SensorFaults(Settings):
     lidar_far_loss : share lost at the maximum range (it grows with the sixth power of the range).
     wheel_scale_std : 1σ of the constant scale error.
     wheel_slips_per_min, wheel_slip : how often the wheel slips, for about a second, and by how much on average.
-    uwb_nlos_bias : mean excess of a range through rock [m].
+    wheel_slip_s : from when to when it slips for long, by ``wheel_slip`` [s since the motion's beginning].
+    uwb_nlos_bias : mean excess of a range through rock, or by a detour [m].
+    uwb_nlos_rate : share of ranges that come by a detour though the way is free.
     uwb_outlier_rate : share of ranges that are anything.
+    uwb_dead : anchors that never answer. uwb_silent_s : from when to when none does [s since the motion's beginning].
     """
 
     noise: NonNegativeFloat = 1.0
@@ -50,13 +53,17 @@ class SensorFaults(Settings):
     wheel_scale_std: NonNegativeFloat = 0.005
     wheel_slips_per_min: NonNegativeFloat = 0.5
     wheel_slip: NonNegativeFloat = 0.2
+    wheel_slip_s: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
     uwb_nlos_bias: NonNegativeFloat = 0.6
+    uwb_nlos_rate: FiniteFloat = Field(0.0, ge=0.0, le=1.0)
     uwb_outlier_rate: FiniteFloat = Field(0.01, ge=0.0, le=1.0)
+    uwb_dead: tuple[int, ...] = ()
+    uwb_silent_s: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
 
     @classmethod
     def none(cls) -> SensorFaults:
         """Perfect sensors: no noise, no bias, nothing lost."""
-        return cls(**dict.fromkeys(cls.model_fields, 0.0))
+        return cls(**{name: 0.0 for name, field in cls.model_fields.items() if isinstance(field.default, float)})
 
 
 class SurveySettings(Settings):

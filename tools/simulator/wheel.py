@@ -27,6 +27,9 @@ def wheel_speeds(flight: Flight) -> Iterator[WheelSpeed]:
     t = flight.times(stamps)
     scale = 1.0 + faults.wheel_scale_std * rng.normal()
     slip = 1.0 + slip_excess(t, faults.wheel_slips_per_min, faults.wheel_slip, rng)
+    if faults.wheel_slip_s is not None:
+        begin, end = faults.wheel_slip_s
+        slip[(t >= begin) & (t < end)] = 1.0 + faults.wheel_slip
     noise = faults.noise * block.speed_std * rng.normal(size=len(t))
     readings = scale * slip * true_wheel_speed(flight.motion(t), block) + noise
     for stamp, speed in zip(stamps.tolist(), readings.tolist(), strict=True):
