@@ -58,7 +58,8 @@ class ImuBlock(SensorBlock):
     """IMU noise: white densities [rad/s/√Hz, m/s²/√Hz], bias walks [rad/s²/√Hz, m/s³/√Hz], turn-on bias 1σ.
 
     ``gyro_noise`` and ``accel_noise`` are the densities; the standard deviation of one sample is the density
-    times the square root of the rate.
+    times the square root of the rate. ``engines``: the robot is a machine whose engines shake the IMU (roadheader,
+    drill, loader), and their tones are to be taken out of its samples.
     """
 
     gyro_noise: PositiveFloat = 3e-4
@@ -68,6 +69,7 @@ class ImuBlock(SensorBlock):
     gyro_bias_std: PositiveFloat = 0.01
     accel_bias_std: PositiveFloat = 0.1
     accel_unit: Literal["m/s2", "g"] = "m/s2"
+    engines: bool = False
 
 
 class LidarBlock(SensorBlock):
@@ -135,8 +137,12 @@ class UwbBlock(SensorBlock):
 
 
 class TotalStationBlock(SensorBlock):
-    """Total station that tracks a prism; its ``position`` in map, ``point_std`` [m] per axis."""
+    """Total station that tracks a prism; its ``position`` in map, ``point_std`` [m] per axis.
 
+    Without a ``topic`` its fixes come from a file beside the recording.
+    """
+
+    topic: str = ""
     position: Vector3
     point_std: PositiveFloat = 0.002
     p_imu_prism: Vector3
