@@ -18,41 +18,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import PositiveFloat, PositiveInt
 from PyEMD import EMD
 from scipy.signal import fftconvolve
 from scipy.signal.windows import hann
 
+from localize.settings import DenoiseSettings
 from semmap.geometry import Array
-from semmap.settings import Settings
 
 _GAP_PERIODS = 3.0
 """A hole longer than this many periods ends a stretch: nothing is sifted across it."""
-
-
-class DenoiseSettings(Settings):
-    """The vibration filter."""
-
-    motion_hz: PositiveFloat = 2.0
-    """What is slower than this is motion and stays [Hz]."""
-    window_s: PositiveFloat = 8.0
-    """Recordings are sifted in windows of this length, half over half [s]."""
-    sifts: PositiveInt = 4
-    """Siftings of a mode."""
-    online_window_s: PositiveFloat = 3.0
-    """Online, what is sifted at a time [s]."""
-    online_step_s: PositiveFloat = 1.0
-    """Online, how often [s]; with `motion_hz` it makes the latency."""
-
-    @property
-    def margin_s(self) -> float:
-        """Half the slow part's window [s]: nearer than this to an end of the signal it is not known well."""
-        return 0.5 / self.motion_hz
-
-    @property
-    def latency_s(self) -> float:
-        """How old a sample is, at the most, when the online filter gives it back, less one sample [s]."""
-        return self.margin_s + self.online_step_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from localize.denoise import DenoiseSettings, enhance_window
+from localize.denoise import enhance_window
+from localize.settings import DenoiseSettings
 from semmap.measurements import ImuSample
 
 _GAP_NS = 50_000_000

@@ -76,3 +76,9 @@ class Earth:
         """Gravity and Coriolis, (3,) [m/s²]: what the print of paper 002 Eq. 11 leaves out."""
         turning = 2.0 * self.rate + self.transport @ v_map
         return np.array([0.0, 0.0, -self.gravity]) - np.cross(turning, v_map)
+
+    def rate_in_odom(self, up_odom: Array, T_map_odom: Array | None) -> Array:
+        """What of the earth's rate (3,) is known in odom [rad/s]: all where the map lies, else its vertical."""
+        if T_map_odom is None:
+            return np.asarray(self.rate[2] * up_odom)
+        return np.asarray(T_map_odom[:3, :3].T @ self.rate)

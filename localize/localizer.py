@@ -48,7 +48,9 @@ class Localizer:
     UWB range       one of an anchor in     the others, those of a moment as one; one in
                     half a second, once     half a second until then (they align odom
                     the map is known        with the map)
-    prism fix       -                       position with lever arm
+    prism fix       one in half a second,   the others, likewise; where the machine
+                    once the map is known;  knows north standing, its heading
+                    until then: it stands
     intersection    -                       pose from ICP to the database's cloud
     ==============  ======================  ==========================================
     """
@@ -58,7 +60,8 @@ class Localizer:
     ) -> None:
         self.rig, self.settings = rig, settings or LocalizeSettings()
         self._shift = _round_origin(rig, semantic_map)
-        self._odometry = StartingOdometry(rig, self.settings.odometry, self.settings.keyframes)
+        s = self.settings
+        self._odometry = StartingOdometry(rig, s.odometry, s.keyframes, denoise=s.denoise, prism=s.prism)
         self._keyframes = Keyframes(self.settings.keyframes)
         self._graph = PoseGraph(self.settings.graph)
         self._sightings = Sightings(rig, self.settings.sightings, self._shift)
@@ -85,12 +88,21 @@ class Localizer:
 
     def add(self, measurement: Measurement) -> Update | None:
         """Take one measurement in, in order of arrival; returns an update when a scan was completed by it."""
-        if isinstance(measurement, UwbRange | PrismFix) and not self._sightings.add(measurement):
+        if isinstance(measurement, UwbRange | PrismFix) and not self._is_odometrys(measurement):
             return None
+        if isinstance(measurement, PrismFix):
+            measurement = PrismFix(measurement.stamp_ns, measurement.p_map - self._shift)
         update = None
         for pose in self._odometry.add(measurement):
             update = self._reached(pose)
         return update
+
+    def _is_odometrys(self, measurement: UwbRange | PrismFix) -> bool:
+        """Whether the filter takes it too: its share of them; and any fix while nobody knows where odom lies, which
+        then tells it whether the machine stands."""
+        shared = self._sightings.shared
+        its_turn = self._sightings.add(measurement)
+        return its_turn or (isinstance(measurement, PrismFix) and self.rig.total_station is not None and not shared)
 
     def finish(self) -> LocalizationResult:
         """End the run: smooth the whole track and hand everything over."""
@@ -117,10 +129,11 @@ class Localizer:
             self._newest = self._add_keyframe(pose)
             self._recognise_intersection(self._newest)
         self._note_ranges()
+        self._note_fixes()
         self._take_sightings(pose)
         if self._pins_dirty:
             self._solve()
-            self._share_ranges()
+            self._share_place()
         self._note_mode(pose)
         update = self._publish(pose)
         self._watch.note_uncertainty(pose, update)
@@ -129,7 +142,7 @@ class Localizer:
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
         keyframe = self._keyframes.add(pose)
         self._graph.add_keyframe(
-            keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._link_covariance(pose)
+            keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._link_covariance(pose), pose.up_std
         )
         self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
         self._counts["keyframes"] += 1
@@ -180,30 +193,37 @@ class Localizer:
             return
         if self._graph.anchored:
             for sighting in sightings:
-                self._pin_sighting(sighting)
+                self._pin_sighting(sighting, pose)
             return
         R_level_odom = rotation_between(self._newest.up_odom, _UP)
-        alignment = self._sightings.align(R_level_odom)
+        alignment, by = self._sightings.align(R_level_odom), "ranges and fixes"
+        standing = self._odometry.standing.alignment() if alignment is None and self._odometry.standing else None
+        if standing is not None:
+            by = "earth rate and fixes"
+            alignment = self._sightings.align_standing(standing, pose.T_odom_imu, R_level_odom)
         if alignment is not None:
-            self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, "ranges and fixes")
+            self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, by)
             for sighting in self._sightings.kept:
-                self._pin_sighting(sighting, gate=False)
+                self._pin_sighting(sighting)
+            if standing is not None:
+                index = len(self._graph) - 1
+                self._graph.pin_heading(index, self._graph.pose(index), standing.heading_std)
             self._solve()
-            self._share_ranges()
-            self._set_state("tracking", pose.stamp_ns, "aligned by ranges and fixes")
+            self._share_place()
+            self._set_state("tracking", pose.stamp_ns, f"aligned by {by}")
 
-    def _share_ranges(self) -> None:
-        """Tell the filter where odom lies, once: from then on it takes its part of the ranges.
+    def _share_place(self) -> None:
+        """Tell the filter where odom lies, once: from then on it takes its part of ranges and fixes.
 
         It is told the graph's place at the last keyframe with twice its deviations. What the place was found by is
         counted in the graph; the filter needs it to begin with, and soon knows better by itself.
         """
         uwb, engine = self.rig.uwb, self._odometry.odometry
-        if uwb is None or engine is None or self._sightings.shared:
+        if (uwb is None and self.rig.total_station is None) or engine is None or self._sightings.shared:
             return
         R = self._graph.pose(len(self._graph) - 1)[:3, :3]
         turned = np.kron(np.eye(2), R)
-        ranging = Ranging(uwb, self._sightings.anchors, self.settings.ranges)
+        ranging = Ranging(uwb, self._sightings.anchors, self.settings.ranges) if uwb is not None else None
         engine.locate(self._T_map_odom(), 4.0 * turned @ self._covariance @ turned.T, ranging)
         self._sightings.shared = True
 
@@ -221,6 +241,17 @@ class Localizer:
         engine.judged.clear()
         self._note_anchors(engine.ranging, engine.filter.stamp_ns)
 
+    def _note_fixes(self) -> None:
+        """What the filter thought of the fixes it was given."""
+        engine = self._odometry.odometry
+        for fix, outcome in engine.fixed if engine is not None else []:
+            if outcome.used:
+                self._watch.fitted("prism", None, fix.stamp_ns)
+            else:
+                self._event(fix.stamp_ns, "prism_refused", anchor=None, off_m=outcome.off_m)
+        if engine is not None:
+            engine.fixed.clear()
+
     def _note_anchors(self, ranging: Ranging, stamp_ns: int) -> None:
         """Anchors that became blocked, fell silent, or are heard again."""
         for kind, now in (("blocked", ranging.check.blocked), ("silent", ranging.check.silent(stamp_ns))):
@@ -232,19 +263,19 @@ class Localizer:
             self._event(stamp_ns, "ranges_contradict")
             self._counts["range_doubts"] = ranging.doubts
 
-    def _pin_sighting(self, sighting: Sighting, *, gate: bool = True) -> None:
-        """A range or fix as a factor on the keyframe before it, if it fits what is known (paper 000)."""
-        stamps = [stamp for stamp, _ in self._keyframe_track]
-        index = max(0, int(np.searchsorted(stamps, sighting.stamp_ns, side="right")) - 1)
-        p_imu = transform(inverse(self._keyframe_track[index][1]), sighting.p_odom[None])[0]
+    def _pin_sighting(self, sighting: Sighting, pose: OdometryPose | None = None) -> None:
+        """A range or fix as a factor on the keyframe before it; with the ``pose`` it came by, if it fits."""
+        index, p_imu, way = self._from_keyframe(sighting, pose)
         predicted = transform(self._graph.pose(index), p_imu[None])[0]
         error = predicted - sighting.p_map
         distance = self._true_distance(sighting)
         off = abs(np.linalg.norm(error) - distance)
-        s = self.settings.sightings
-        std = float(np.hypot(sighting.std, np.sqrt(np.trace(self._covariance[3:, 3:]))))
-        if gate and off > max(s.min_gate, s.max_innovation * std):
-            kind = "prism" if sighting.anchor is None else "range"
+        s, kind = self.settings.sightings, "prism" if sighting.anchor is None else "range"
+        std = float(np.sqrt(sighting.std**2 + np.trace(self._covariance[3:, 3:])))
+        least = s.min_gate
+        if sighting.anchor is None:
+            least, std = s.min_prism_gate, float(np.hypot(std, np.sqrt(np.trace(way))))
+        if pose is not None and off > max(least, s.max_innovation * std):
             self._event(sighting.stamp_ns, f"{kind}_refused", anchor=sighting.anchor, off_m=float(off))
             return
         if sighting.anchor in self._anchors_that_are["blocked"]:
@@ -252,13 +283,29 @@ class Localizer:
             return
         if sighting.anchor is None:
             variance = sighting.std**2 * sighting.alike + self.settings.graph.drift_position**2
-            self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3))
+            R = self._graph.pose(index)[:3, :3]
+            self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3) + R @ way @ R.T)
         else:
             noise = sighting.std * np.sqrt(sighting.alike)
             self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, distance, noise)
         self._watch.fitted("prism" if sighting.anchor is None else "uwb", sighting.anchor, sighting.stamp_ns)
         self._counts["pins"] += 1
         self._pins_dirty = True
+
+    def _from_keyframe(self, sighting: Sighting, pose: OdometryPose | None) -> tuple[int, Array, Array]:
+        """The keyframe before a sighting, the sighted point (3,) in its axes, and what the way from there is off by.
+
+        By the way as now known, where it came with the newest scan: what the filter learnt since has moved odom.
+        """
+        stamps = [stamp for stamp, _ in self._keyframe_track]
+        index = max(0, int(np.searchsorted(stamps, sighting.stamp_ns, side="right")) - 1)
+        newest = len(stamps) - 1 - (pose.keyframe if pose is not None else 0)
+        if pose is None or sighting.anchor is not None or index != newest:
+            p_imu = transform(inverse(self._keyframe_track[index][1]), sighting.p_odom[None])[0]
+            return index, p_imu, np.zeros((3, 3))
+        T_keyframe_odom = pose.T_keyframe_imu @ inverse(pose.T_odom_imu)
+        R = pose.T_keyframe_imu[:3, :3]
+        return index, transform(T_keyframe_odom, sighting.p_odom[None])[0], R @ pose.since_keyframe[3:, 3:] @ R.T
 
     def _true_distance(self, sighting: Sighting) -> float:
         """As the filter has come to know the radios."""

@@ -9,9 +9,13 @@ import numpy as np
 
 from localize.anchoring import Alignment, align_fixes, align_ranges
 from localize.settings import SightingSettings
-from semmap.geometry import Array, interpolate_poses, transform
+from localize.static_alignment import StaticAlignment
+from semmap.geometry import Array, interpolate_poses, se3, transform, yaw_of, yaw_rotation
 from semmap.measurements import PrismFix, UwbRange
 from semmap.rig import Rig
+
+_LATE = 5.0
+"""Intervals after which a fix is the first for a while."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +52,9 @@ class Sightings:
         self._tried = 0
         self.unknown_anchors: set[int] = set()
         self.shared = False
-        """Whether the filter takes its part of the ranges."""
-        self._filters_last_ns: dict[int, int] = {}
-        self._graph_had: dict[int, bool] = {}
+        """Whether the filter takes its part of ranges and fixes."""
+        self._filters_last_ns: dict[int | None, int] = {}
+        self._graph_had: dict[int | None, bool] = {}
 
     @property
     def anchors(self) -> dict[int, Array]:
@@ -76,15 +80,20 @@ class Sightings:
         if not self.shared and 0.0 <= since_s < self.settings.interval_s:
             return False
         self._taken_ns[source] = measurement.stamp_ns
-        if source is not None and self.shared and self._is_filters_turn(source, measurement.stamp_ns):
+        if self.shared and self._is_filters_turn(source, measurement.stamp_ns):
             return True
         self._waiting.append((measurement, max(1.0, self.settings.interval_s / max(since_s, 1e-3))))
         return False
 
-    def _is_filters_turn(self, anchor: int, stamp_ns: int) -> bool:
-        """One reading of an anchor per interval, and every other one where they come more slowly than that."""
+    def _is_filters_turn(self, anchor: int | None, stamp_ns: int) -> bool:
+        """One reading of an anchor, or fix, per interval, and every other one where they come more slowly than that.
+
+        A fix after a while without any is the filter's: before it has that, the way since the keyframe is not known
+        well enough for a fix that is.
+        """
         since_ns = stamp_ns - self._filters_last_ns.get(anchor, -(1 << 62))
-        turn = since_ns >= self.settings.interval_s * 1e9 and self._graph_had.get(anchor, False)
+        late = anchor is None and since_ns > _LATE * self.settings.interval_s * 1e9
+        turn = late or (since_ns >= self.settings.interval_s * 1e9 and self._graph_had.get(anchor, False))
         self._graph_had[anchor] = not turn
         if turn:
             self._filters_last_ns[anchor] = stamp_ns
@@ -131,6 +140,16 @@ class Sightings:
             if alignment and alignment.sure(yaw_std=s.align_yaw_std, position_std=s.align_position_std):
                 return alignment
         return None
+
+    def align_standing(self, found: StaticAlignment, T_odom_imu: Array, R_level_odom: Array) -> Alignment | None:
+        """The same for a machine that stands at ``T_odom_imu`` (4, 4) and knows its heading."""
+        at = [sighting for sighting in self._kept if sighting.anchor is None]
+        if not at:
+            return None
+        R = yaw_rotation(yaw_of(found.R_map_imu) - yaw_of(R_level_odom @ T_odom_imu[:3, :3]))
+        p_odom, p_map = (np.mean([getattr(s, name) for s in at], axis=0) for name in ("p_odom", "p_map"))
+        p_level = R_level_odom @ p_odom
+        return Alignment(se3(R, p_map - R @ p_level), found.heading_std, at[0].std)
 
 
 def _align_fixes(fixes: list[Sighting], R_level_odom: Array) -> Alignment | None:

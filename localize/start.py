@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from localize.earth import Earth
 from localize.filter import ErrorStateFilter, start_covariance
 from localize.odometry import Odometry, OdometryPose
-from localize.settings import KeyframeSettings, OdometrySettings
-from localize.state import SCALE, NavState
+from localize.settings import DenoiseSettings, KeyframeSettings, OdometrySettings, PrismSettings
+from localize.standing import Standing
+from localize.state import GYRO_BIAS, SCALE, NavState
 from semmap.geometry import Array, rotation_between, se3
-from semmap.measurements import ImuSample, Measurement, Scan, WheelSpeed
-from semmap.rig import STANDARD_GRAVITY, Rig
+from semmap.measurements import ImuSample, Measurement, PrismFix, Scan, WheelSpeed
+from semmap.rig import Rig
+
+if TYPE_CHECKING:
+    from localize.denoise_online import OnlineDenoiser
 
 _PASSES = 3
 _UP = np.array([0.0, 0.0, 1.0])
@@ -23,15 +30,38 @@ class StartingOdometry:
     what is left of the lean is in the state's gravity.
     """
 
-    def __init__(self, rig: Rig, settings: OdometrySettings, keyframes: KeyframeSettings) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        settings: OdometrySettings,
+        keyframes: KeyframeSettings,
+        *,
+        denoise: DenoiseSettings | None = None,
+        prism: PrismSettings | None = None,
+    ) -> None:
         self.rig, self.settings, self.keyframes = rig, settings, keyframes
+        self.prism = prism or PrismSettings()
+        self.earth, self.standing = Earth.of(rig.earth), Standing.of(rig)
+        self._denoiser = _denoiser(denoise or DenoiseSettings()) if rig.imu.engines else None
         self.odometry: Odometry | None = None
         self._held: list[Measurement] = []
         self.T_odom_start: Array = np.eye(4)
         """Pose (4, 4) of the imu at the first sample; it defines odom."""
 
     def add(self, measurement: Measurement) -> list[OdometryPose]:
-        """Take one measurement in; the poses of the first stretch come all at once at its end."""
+        """Take one measurement in; the poses of the first stretch come all at once at its end.
+
+        Where engines shake the IMU, its samples are cleaned first: poses come later by the filter's ``latency_s``.
+        """
+        if isinstance(measurement, PrismFix) and self.standing is not None:
+            self.standing.add_fix(measurement)
+        if self._denoiser is None or not isinstance(measurement, ImuSample):
+            return self._add(measurement)
+        return [pose for sample in self._denoiser.add(measurement) for pose in self._add(sample)]
+
+    def _add(self, measurement: Measurement) -> list[OdometryPose]:
+        if isinstance(measurement, ImuSample) and self.standing is not None:
+            self.standing.add_sample(measurement)
         if self.odometry is not None:
             return self.odometry.add(measurement)
         self._held.append(measurement)
@@ -40,10 +70,15 @@ class StartingOdometry:
         first = next(m for m in self._held if isinstance(m, ImuSample))
         if measurement.stamp_ns - first.stamp_ns < self.settings.start_s * 1e9:
             return []
-        return self.finish()
+        return self._begin()
 
     def finish(self) -> list[OdometryPose]:
-        """End the first stretch here, for recordings shorter than it."""
+        """The poses that still wait: for cleaned samples, or for the end of the first stretch."""
+        rest = self._denoiser.finish() if self._denoiser is not None else []
+        return [pose for sample in rest for pose in self._add(sample)] + self._begin()
+
+    def _begin(self) -> list[OdometryPose]:
+        """End the first stretch here."""
         imu = _increasing(self._held)
         if self.odometry is not None or len(imu) < 2:
             return []
@@ -54,7 +89,8 @@ class StartingOdometry:
             v = R @ self.rig.wheel.T_imu_wheel[:3, 0] * speed
         poses: list[OdometryPose] = []
         for _ in range(_PASSES):
-            self.odometry = Odometry(self.rig, self.settings, self.keyframes, self._filter(R, v, imu[0].stamp_ns))
+            start = self._filter(R, v, imu[0].stamp_ns)
+            self.odometry = Odometry(self.rig, self.settings, self.keyframes, start, self.prism)
             self.T_odom_start = se3(R, np.zeros(3))
             poses = [pose for m in held if _usable(m, imu[0].stamp_ns) for pose in self.odometry.add(m)]
             R, v = self._refined(R, v, poses, imu)
@@ -80,7 +116,7 @@ class StartingOdometry:
         rig, s = self.rig, self.settings
         state = NavState(
             R=R.copy(), p=np.zeros(3), v=v.copy(), gyro_bias=np.zeros(3), accel_bias=np.zeros(3),
-            g=-STANDARD_GRAVITY * _UP,
+            g=-self.earth.gravity * _UP,
             T_imu_lidar=rig.lidar.T_imu_lidar if rig.lidar else np.eye(4),
             T_imu_tag=se3(np.eye(3), rig.uwb.p_imu_tag) if rig.uwb else np.eye(4),
             T_imu_wheel=rig.wheel.T_imu_wheel if rig.wheel else np.eye(4),
@@ -89,9 +125,18 @@ class StartingOdometry:
         P = start_covariance(
             rig.imu, tilt_std=s.start_tilt_std, velocity_std=s.start_velocity_std, g=state.g, mountings=s.extrinsics
         )
+        # until north is known, the horizontal part of the earth's rate is in the bias
+        P[GYRO_BIAS, GYRO_BIAS] += float(np.sum(self.earth.rate[:2] ** 2)) * np.eye(3)
         if rig.wheel is not None:
             P[SCALE, SCALE] = s.wheel_scale_std**2
         return ErrorStateFilter(state, P, stamp_ns, rig.imu)
+
+
+def _denoiser(settings: DenoiseSettings) -> OnlineDenoiser:
+    # its library takes a second to load, which those who need none should not wait for
+    from localize.denoise_online import OnlineDenoiser
+
+    return OnlineDenoiser(settings)
 
 
 def _increasing(held: list[Measurement]) -> list[ImuSample]:

@@ -178,7 +178,10 @@ class Rig(BaseModel):
         return validate(cls, load_yaml(path, RigError), file=path, error=RigError)
 
     def without(self, *sensors: str) -> Rig:
-        """The same rig less some of ``lidar, wheel, uwb, prism`` (other names are ignored)."""
+        """The same rig less some of ``lidar, wheel, uwb, prism, inertial-enhancement`` (other names are ignored)."""
         fields = {"prism": "total_station"}
         gone = {fields.get(sensor, sensor) for sensor in sensors} & {"lidar", "wheel", "uwb", "total_station"}
-        return self.model_copy(update=dict.fromkeys(gone))
+        update: dict[str, SensorBlock | None] = dict.fromkeys(gone)
+        if "inertial-enhancement" in sensors:
+            update["imu"] = self.imu.model_copy(update={"engines": False})
+        return self.model_copy(update=update)

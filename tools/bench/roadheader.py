@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from localize.denoise import DenoiseSettings, Enhanced, enhance, rectification, slow_part
+from localize.denoise import Enhanced, enhance, rectification, slow_part
 from localize.denoise_online import OnlineDenoiser
 from localize.earth import Earth
 from localize.mechanization import Increments, Navigator
+from localize.settings import DenoiseSettings
 from localize.static_alignment import align_static
 from semmap.geometry import Array, so3_exp, so3_log, yaw_of
 from semmap.measurements import ImuSample

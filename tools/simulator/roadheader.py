@@ -26,7 +26,9 @@ CONSUMER = ImuBlock(
 MOTION = MotionSettings(
     speed=0.3, max_accel=0.15, max_yaw_rate=0.15, height=_IMU_HEIGHT, still_s=30.0, corner=0.8, wobble_deg=0.4,
     vibration_accel=0.5, vibration_gyro=0.01, pumps=True,
-    schedule=((4.7, 4.0), (0.0, 4.0), (7.2, 4.0), (6.0, 1.5), (4.8, 1.5), (3.6, 1.5), (2.4, 1.5), (1.2, 1.5), (0.0, 3.0)),
+    schedule=(
+        (4.7, 4.0), (0.0, 4.0), (7.2, 4.0), (6.0, 1.5), (4.8, 1.5), (3.6, 1.5), (2.4, 1.5), (1.2, 1.5), (0.0, 3.0),
+    ),
 )  # fmt: skip
 
 

@@ -42,7 +42,7 @@ class SensorFaults(Settings):
     lidar_dropout : share of returns lost at random.
     lidar_grazing : cosine of incidence at which 63 % still return.
     lidar_far_loss : share lost at the maximum range (it grows with the sixth power of the range).
-    dust : concentration in the air [mg/m³]: near returns from the dust itself, far ones lost; see `tools.simulator.dust`.
+    dust : concentration in the air [mg/m³]: near returns, far ones lost; see `tools.simulator.dust`.
     wheel_scale_std : 1σ of the constant scale error.
     wheel_slips_per_min, wheel_slip : how often the wheel slips, for about a second, and by how much on average.
     wheel_slip_s : from when to when it slips for long, by ``wheel_slip`` [s since the motion's beginning].

@@ -1,0 +1,64 @@
+"""A machine that stands before it starts: its heading from the earth's rate, where the gyroscope is good enough."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from localize.earth import Earth
+from localize.static_alignment import StaticAlignment, align_static
+from semmap.measurements import ImuSample, PrismFix
+from semmap.rig import Rig, TotalStationBlock
+
+_LEAST_S, _MOST_S = 15.0, 60.0
+_MARGIN_NS = 1_000_000_000
+"""Motion may have begun this long before a fix shows it."""
+_STANDS_SIGMAS = 5.0
+_HEADING_STD = 0.03
+"""Gyroscopes that would know north no better than this are not asked [rad]."""
+
+
+class Standing:
+    """Keeps the IMU's samples while the prism stands; `alignment` is the attitude they tell."""
+
+    def __init__(self, rig: Rig, station: TotalStationBlock, earth: Earth) -> None:
+        self.imu, self.station, self.earth = rig.imu, station, earth
+        self._samples: deque[ImuSample] = deque()
+        self._begin: PrismFix | None = None
+        self._last_ns = 0
+
+    @classmethod
+    def of(cls, rig: Rig) -> Standing | None:
+        """For a rig with a prism and a gyroscope that finds north; None for others."""
+        earth = Earth.of(rig.earth)
+        horizontal = float(np.hypot(earth.rate[0], earth.rate[1]))
+        if rig.total_station is None or rig.imu.gyro_bias_std >= _HEADING_STD * horizontal:
+            return None
+        return cls(rig, rig.total_station, earth)
+
+    def add_fix(self, fix: PrismFix) -> None:
+        """The prism was seen; elsewhere than before means that the machine moved."""
+        limit_m = _STANDS_SIGMAS * self.station.point_std
+        if self._begin is None or np.linalg.norm(fix.p_map - self._begin.p_map) > limit_m:
+            self._begin = fix
+        self._last_ns = fix.stamp_ns
+
+    def add_sample(self, sample: ImuSample) -> None:
+        """The IMU was read."""
+        self._samples.append(sample)
+        while sample.stamp_ns - self._samples[0].stamp_ns > (_MOST_S * 1e9):
+            self._samples.popleft()
+
+    def alignment(self) -> StaticAlignment | None:
+        """Attitude in the map by gravity and the earth's rate; None where it has not stood for long enough."""
+        if self._begin is None:
+            return None
+        begin_ns, end_ns = self._begin.stamp_ns + _MARGIN_NS, self._last_ns - _MARGIN_NS
+        still = [sample for sample in self._samples if begin_ns <= sample.stamp_ns <= end_ns]
+        if not still or (still[-1].stamp_ns - still[0].stamp_ns) * 1e-9 < _LEAST_S:
+            return None
+        stamps = np.array([sample.stamp_ns for sample in still], np.int64)
+        gyro, accel = (np.array([getattr(sample, name) for sample in still]) for name in ("gyro", "accel"))
+        found = align_static(stamps, gyro, accel, self.imu, self.earth)
+        return found if found.sure(heading_std=_HEADING_STD) else None
