@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from localize.odometry import OdometryPose
 from localize.ranging import Ranging
 from localize.results import Event, LocalizationResult, State, Update
 from localize.settings import LocalizeSettings
-from localize.sightings import Sighting, Sightings
+from localize.sightings import Sighting, Sightings, align_standing
 from localize.smoothing import smoothed
 from localize.start import StartingOdometry
 from localize.watch import ModeWatch
@@ -131,6 +132,7 @@ class Localizer:
         self._note_ranges()
         self._note_fixes()
         self._take_sightings(pose)
+        self._anchor_standing(pose)
         if self._pins_dirty:
             self._solve()
             self._share_place()
@@ -196,21 +198,42 @@ class Localizer:
                 self._pin_sighting(sighting, pose)
             return
         R_level_odom = rotation_between(self._newest.up_odom, _UP)
-        alignment, by = self._sightings.align(R_level_odom), "ranges and fixes"
-        standing = self._odometry.standing.alignment() if alignment is None and self._odometry.standing else None
-        if standing is not None:
-            by = "earth rate and fixes"
-            alignment = self._sightings.align_standing(standing, pose.T_odom_imu, R_level_odom)
+        alignment = self._sightings.align(R_level_odom)
         if alignment is not None:
-            self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, by)
+            self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, "ranges and fixes")
             for sighting in self._sightings.kept:
-                self._pin_sighting(sighting)
-            if standing is not None:
-                index = len(self._graph) - 1
-                self._graph.pin_heading(index, self._graph.pose(index), standing.heading_std)
-            self._solve()
-            self._share_place()
-            self._set_state("tracking", pose.stamp_ns, f"aligned by {by}")
+                self._pin_sighting(sighting, None)
+            self._found(pose, "ranges and fixes")
+
+    def _anchor_standing(self, pose: OdometryPose) -> None:
+        """A machine that stands in sight of the total station and knows north (paper 002, static initialization)."""
+        engine, standing = self._odometry.odometry, self._odometry.standing
+        found = standing.alignment() if standing is not None else None
+        if engine is None or standing is None or found is None or self._graph.anchored:
+            return
+        if not pose.keyframe:
+            # a place to pin what is known now, however far odometry has slid meanwhile
+            engine.keyframe_due = True
+            return
+        fixes = self._sightings.of_standing(standing.since_ns)
+        if fixes is None:
+            return
+        R_level_odom = rotation_between(-pose.state.g, _UP)
+        here = replace(fixes[1], p_odom=transform(pose.T_odom_imu, standing.p_imu_prism[None])[0])
+        alignment = align_standing(found, here, pose.T_odom_imu, R_level_odom)
+        newest, by = len(self._graph) - 1, "earth rate and fixes"
+        self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, by)
+        self._graph.pin_heading(newest, self._graph.pose(newest), found.heading_std)
+        first = max(0, int(np.searchsorted([stamp for stamp, _ in self._keyframe_track], standing.since_ns)))
+        for index, fix in ((min(first, newest), fixes[0]), (newest, fixes[1])):
+            variance = fix.std**2 + self.settings.graph.drift_position**2
+            self._graph.pin_position(index, standing.p_imu_prism, fix.p_map, variance * np.eye(3))
+        self._found(pose, by)
+
+    def _found(self, pose: OdometryPose, by: str) -> None:
+        self._solve()
+        self._share_place()
+        self._set_state("tracking", pose.stamp_ns, f"aligned by {by}")
 
     def _share_place(self) -> None:
         """Tell the filter where odom lies, once: from then on it takes its part of ranges and fixes.
@@ -263,7 +286,7 @@ class Localizer:
             self._event(stamp_ns, "ranges_contradict")
             self._counts["range_doubts"] = ranging.doubts
 
-    def _pin_sighting(self, sighting: Sighting, pose: OdometryPose | None = None) -> None:
+    def _pin_sighting(self, sighting: Sighting, pose: OdometryPose | None) -> None:
         """A range or fix as a factor on the keyframe before it; with the ``pose`` it came by, if it fits."""
         index, p_imu, way = self._from_keyframe(sighting, pose)
         predicted = transform(self._graph.pose(index), p_imu[None])[0]

@@ -64,10 +64,14 @@ class OdometryPose:
         return self.state.T_odom_imu
 
     @property
+    def up_imu(self) -> Array:
+        """Unit vector (3,) against gravity in the axes of the imu."""
+        return np.asarray(-self.state.R.T @ self.state.g / np.linalg.norm(self.state.g))
+
+    @property
     def up_std(self) -> float:
-        """How well the vertical is known in the axes of the imu [rad]."""
-        s, length = self.state, np.linalg.norm(self.state.g)
-        up = -s.R.T @ s.g / length
+        """How well that is known [rad]."""
+        s, up, length = self.state, self.up_imu, np.linalg.norm(self.state.g)
         J = np.hstack([skew(up), -(np.eye(3) - np.outer(up, up)) @ s.R.T / length])
         columns = np.r_[ROTATION, GRAVITY]
         return float(np.sqrt(0.5 * np.trace(J @ self.covariance[np.ix_(columns, columns)] @ J.T)))
@@ -111,6 +115,7 @@ class Odometry:
         self.prism = PrismFusion(rig.total_station, prism or PrismSettings()) if rig.total_station is not None else None
         self.fixed: list[tuple[PrismFix, FixOutcome]] = []
         self._fixes: list[PrismFix] = []
+        self.keyframe_due = False
 
     def locate(self, T_map_odom: Array, covariance: Array, ranging: Ranging | None) -> None:
         """From now on ranges, and fixes as positions, are taken in.
@@ -220,8 +225,9 @@ class Odometry:
         dT = inverse(s.T_odom_clone) @ s.T_odom_imu
         moved = np.linalg.norm(dT[:3, 3]) > self.keyframes.distance
         turned = rotation_angle(dT[:3, :3]) > self.keyframes.angle
-        if not (moved or turned or self._T_odom_keyframe is None):
+        if not (moved or turned or self.keyframe_due or self._T_odom_keyframe is None):
             return False
+        self.keyframe_due = False
         self._T_odom_keyframe, self._ranged = s.T_odom_imu, False
         self.filter.clone_pose()
         return True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -141,15 +141,24 @@ class Sightings:
                 return alignment
         return None
 
-    def align_standing(self, found: StaticAlignment, T_odom_imu: Array, R_level_odom: Array) -> Alignment | None:
-        """The same for a machine that stands at ``T_odom_imu`` (4, 4) and knows its heading."""
-        at = [sighting for sighting in self._kept if sighting.anchor is None]
-        if not at:
+    def of_standing(self, since_ns: int) -> tuple[Sighting, Sighting] | None:
+        """The kept fixes from a time on, during which the prism stood, as two: the first half's mean and the rest's."""
+        fixes = [sighting for sighting in self._kept if sighting.anchor is None and sighting.stamp_ns >= since_ns]
+        if len(fixes) < 2:
             return None
-        R = yaw_rotation(yaw_of(found.R_map_imu) - yaw_of(R_level_odom @ T_odom_imu[:3, :3]))
-        p_odom, p_map = (np.mean([getattr(s, name) for s in at], axis=0) for name in ("p_odom", "p_map"))
-        p_level = R_level_odom @ p_odom
-        return Alignment(se3(R, p_map - R @ p_level), found.heading_std, at[0].std)
+        half = len(fixes) // 2
+        return _mean_fix(fixes[:half]), _mean_fix(fixes[half:])
+
+
+def align_standing(found: StaticAlignment, fix: Sighting, T_odom_imu: Array, R_level_odom: Array) -> Alignment:
+    """The place of gravity-levelled odom for a machine that stands and knows its heading and its prism's place."""
+    R = yaw_rotation(yaw_of(found.R_map_imu) - yaw_of(R_level_odom @ T_odom_imu[:3, :3]))
+    return Alignment(se3(R, fix.p_map - R @ R_level_odom @ fix.p_odom), found.heading_std, fix.std)
+
+
+def _mean_fix(fixes: list[Sighting]) -> Sighting:
+    p_odom, p_map = (np.mean([getattr(fix, name) for fix in fixes], axis=0) for name in ("p_odom", "p_map"))
+    return replace(fixes[-1], p_odom=p_odom, p_map=p_map, std=fixes[-1].std / np.sqrt(len(fixes)), alike=1.0)
 
 
 def _align_fixes(fixes: list[Sighting], R_level_odom: Array) -> Alignment | None:

@@ -41,8 +41,9 @@ class StartingOdometry:
     ) -> None:
         self.rig, self.settings, self.keyframes = rig, settings, keyframes
         self.prism = prism or PrismSettings()
-        self.earth, self.standing = Earth.of(rig.earth), Standing.of(rig)
-        self._denoiser = _denoiser(denoise or DenoiseSettings()) if rig.imu.engines else None
+        denoise = denoise or DenoiseSettings()
+        self.earth, self.standing = Earth.of(rig.earth), Standing.of(rig, denoise)
+        self._denoiser = _denoiser(denoise) if rig.imu.engines else None
         self.odometry: Odometry | None = None
         self._held: list[Measurement] = []
         self.T_odom_start: Array = np.eye(4)
@@ -55,13 +56,15 @@ class StartingOdometry:
         """
         if isinstance(measurement, PrismFix) and self.standing is not None:
             self.standing.add_fix(measurement)
-        if self._denoiser is None or not isinstance(measurement, ImuSample):
+        if not isinstance(measurement, ImuSample):
+            return self._add(measurement)
+        if self.standing is not None:
+            self.standing.add_sample(measurement)
+        if self._denoiser is None:
             return self._add(measurement)
         return [pose for sample in self._denoiser.add(measurement) for pose in self._add(sample)]
 
     def _add(self, measurement: Measurement) -> list[OdometryPose]:
-        if isinstance(measurement, ImuSample) and self.standing is not None:
-            self.standing.add_sample(measurement)
         if self.odometry is not None:
             return self.odometry.add(measurement)
         self._held.append(measurement)
