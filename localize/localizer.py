@@ -98,6 +98,11 @@ class Localizer:
             update = self._reached(pose)
         return update
 
+    @property
+    def scans(self) -> int:
+        """Poses that became known so far."""
+        return self._counts["scans"]
+
     def _is_odometrys(self, measurement: UwbRange | PrismFix) -> bool:
         """Whether the filter takes it too: its share of them; and any fix while nobody knows where odom lies, which
         then tells it whether the machine stands."""

@@ -16,7 +16,7 @@ from semmap.rig import Rig, TotalStationBlock
 _LEAST_S, _MOST_S = 20.0, 60.0
 _MARGIN_NS = 1_000_000_000
 """Motion may have begun this long before a fix shows it."""
-_STANDS_SIGMAS = 5.0
+_STANDS_SIGMAS = 6.0
 _HEADING_STD = 0.03
 """Gyroscopes that would know north no better than this are not asked [rad]."""
 
@@ -26,19 +26,19 @@ class Standing:
 
     It wants them as they were read: with all of the stretch at hand, the engines' tones come out much cleaner than of a
     window that moves along.
+
+    Attributes
+    ----------
+    since_ns : since when the prism stands.
     """
 
     def __init__(self, rig: Rig, station: TotalStationBlock, earth: Earth, denoise: DenoiseSettings) -> None:
         self.imu, self.station, self.earth, self.denoise = rig.imu, station, earth, denoise
+        self.since_ns = 0
         self._samples: deque[ImuSample] = deque()
-        self._begin: PrismFix | None = None
+        self._count, self._mean = 0, np.zeros(3)
         self._last_ns = 0
         self._found: StaticAlignment | None = None
-
-    @property
-    def since_ns(self) -> int:
-        """Since when the prism stands."""
-        return self._begin.stamp_ns if self._begin is not None else 0
 
     @property
     def p_imu_prism(self) -> Array:
@@ -57,8 +57,10 @@ class Standing:
     def add_fix(self, fix: PrismFix) -> None:
         """The prism was seen; elsewhere than before means that the machine moved."""
         limit_m = _STANDS_SIGMAS * self.station.point_std
-        if self._begin is None or np.linalg.norm(fix.p_map - self._begin.p_map) > limit_m:
-            self._begin, self._found = fix, None
+        if not self._count or np.linalg.norm(fix.p_map - self._mean) > limit_m:
+            self.since_ns, self._count, self._mean, self._found = fix.stamp_ns, 0, np.zeros(3), None
+        self._count += 1
+        self._mean = self._mean + (fix.p_map - self._mean) / self._count
         self._last_ns = fix.stamp_ns
 
     def add_sample(self, sample: ImuSample) -> None:
@@ -69,9 +71,9 @@ class Standing:
 
     def alignment(self) -> StaticAlignment | None:
         """Attitude in the map by gravity and the earth's rate; None where it has not stood for long enough."""
-        if self._begin is None or self._found is not None:
+        if self._found is not None:
             return self._found
-        begin_ns, end_ns = self._begin.stamp_ns + _MARGIN_NS, self._last_ns - _MARGIN_NS
+        begin_ns, end_ns = self.since_ns + _MARGIN_NS, self._last_ns - _MARGIN_NS
         if end_ns - begin_ns < _LEAST_S * 1e9:
             return None
         still = [sample for sample in self._samples if begin_ns <= sample.stamp_ns <= end_ns]

@@ -213,9 +213,15 @@ def localize(
     rig: Annotated[Path, typer.Option(metavar="rig.yaml", help="The robot's sensors.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files of the run go.")],
     database: Annotated[Path | None, typer.Option("--map", metavar="DB.h5", help="The semantic database.")] = None,
+    prism: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The total station's own fixes: CSV time,x,y,z or Leica GSI.")
+    ] = None,
     without: Annotated[
         str,
-        typer.Option(metavar="LIST", help="Leave out, comma-separated: uwb,wheel,prism,lidar,intersections."),
+        typer.Option(
+            metavar="LIST",
+            help="Leave out, comma-separated: uwb,wheel,prism,lidar,intersections,inertial-enhancement.",
+        ),
     ] = "",
 ) -> None:
     """Localize a recording.
@@ -229,7 +235,14 @@ def localize(
     settings = _common.settings()
     with progress_bar("localizing") as progress:
         summary = localize_recording(
-            recording, rig, out, map_file=database, without=names, settings=settings, progress=progress
+            recording,
+            rig,
+            out,
+            map_file=database,
+            prism_file=prism,
+            without=names,
+            settings=settings,
+            progress=progress,
         )
     typer.echo(f"{outcome(summary)}: {out}")
 

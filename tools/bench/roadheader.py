@@ -1,7 +1,7 @@
 """A roadheader with its oil pumps on: what vibration does to the alignment at rest, and what the enhancement leaves.
 
 Run it as ``python -m tools.bench.roadheader --alignment``; it takes a minute or two. ``--online``: what the online
-filter costs. Paper 002, Tables 1 and 2: heading
+filter costs. ``--drives``: see `tools.bench.roadheader_drives`. Paper 002, Tables 1 and 2: heading
 177.67 degrees without vibration, 177.29 with, 177.60 enhanced, 81.57 % of the error removed.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,21 +23,15 @@ from localize.settings import DenoiseSettings
 from localize.static_alignment import align_static
 from semmap.geometry import Array, so3_exp, so3_log, yaw_of
 from semmap.measurements import ImuSample
-from semmap.rig import EarthBlock, ImuBlock
+from semmap.rig import ImuBlock
+from tools.bench.roadheader_drives import run
 from tools.simulator.imu import imu_errors
+from tools.simulator.roadheader import CONSUMER, TACTICAL
+from tools.simulator.roadheader import EARTH as MINE
 from tools.simulator.vibration import oil_pumps, standing_imu
 
-EARTH = Earth.of(EarthBlock(latitude_deg=37.87))
+EARTH = Earth.of(MINE)
 PAPER_PERCENT = 81.57
-TACTICAL = ImuBlock(
-    topic="/imu", rate_hz=475, gyro_noise=1.5e-6, accel_noise=3e-4, gyro_bias_walk=1e-9, accel_bias_walk=1e-6,
-    gyro_bias_std=2.4e-7, accel_bias_std=5e-4,
-)  # fmt: skip
-"""Fibre-optic: 0.005 °/√h, 0.05 °/h, 50 µg."""
-CONSUMER = ImuBlock(
-    topic="/imu", rate_hz=200, gyro_noise=3e-4, accel_noise=4e-3, gyro_bias_walk=2e-5, accel_bias_walk=3e-4,
-    gyro_bias_std=0.002, accel_bias_std=0.03,
-)  # fmt: skip
 HELD_S = 60.0
 """How long the consumer IMU, which cannot find north, must hold the heading it was given [s]."""
 TAIL_S = 1.0
@@ -172,13 +167,19 @@ def main() -> None:
     parser.add_argument("--online", action="store_true", help="cost and latency of the online vibration filter")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the stretch at rest")
+    parser.add_argument("--drives", action="store_true", help="through the roadway, clear and dusty")
+    parser.add_argument("--cases", default="", help="of the drives, by name, separated by semicolons; all by default")
+    parser.add_argument("--first", type=int, default=1, help="seed of the drives")
+    parser.add_argument("--out", type=Path, default=Path("bench_roadheader"))
     args = parser.parse_args()
-    if not (args.alignment or args.online):
-        parser.error("say what to run: --alignment, --online")
+    if not (args.alignment or args.online or args.drives):
+        parser.error("say what to run: --alignment, --online, --drives")
     if args.alignment:
         alignment(args.seeds, args.seconds)
     if args.online:
         online(args.seconds)
+    if args.drives:
+        run(range(args.first, args.first + args.seeds), args.out, args.cases)
 
 
 if __name__ == "__main__":
