@@ -14,6 +14,8 @@ from semmap.geometry import Array, interpolate_poses, se3, transform, yaw_of, ya
 from semmap.measurements import PrismFix, UwbRange
 from semmap.rig import Rig
 
+_NEW, _FEW = 6, 12
+"""So many new sightings are worth another look; so few fixes may tell where odom lies."""
 _LATE = 5.0
 """Intervals after which a fix is the first for a while."""
 
@@ -49,7 +51,7 @@ class Sightings:
         self._taken_ns: dict[int | None, int] = {}
         self._poses: deque[tuple[int, Array]] = deque(maxlen=100)
         self._kept: deque[Sighting] = deque(maxlen=settings.window)
-        self._tried = 0
+        self._seen = self._tried = 0
         self.unknown_anchors: set[int] = set()
         self.shared = False
         """Whether the filter takes its part of ranges and fixes."""
@@ -111,6 +113,7 @@ class Sightings:
         at = interpolate_poses(stamps, poses, np.array([m.stamp_ns for m, _ in ready], np.int64))
         sightings = [self._sighting(m, T, alike) for (m, alike), T in zip(ready, at, strict=True)]
         self._kept.extend(sightings)
+        self._seen += len(sightings)
         return sightings
 
     def _sighting(self, m: UwbRange | PrismFix, T_odom_imu: Array, alike: float) -> Sighting:
@@ -130,13 +133,15 @@ class Sightings:
 
     def align(self, R_level_odom: Array) -> Alignment | None:
         """Where gravity-levelled odom lies in the map, once the sightings tell it surely; None before."""
-        if len(self._kept) < self._tried + 6:
+        if self._seen < self._tried + _NEW:
             return None
-        self._tried = len(self._kept)
+        self._tried = self._seen
         s = self.settings
         fixes = [sighting for sighting in self._kept if sighting.anchor is None]
         ranges = [sighting for sighting in self._kept if sighting.anchor is not None]
-        for alignment in (_align_fixes(fixes, R_level_odom), _align_ranges(ranges, R_level_odom)):
+        # the fewer, the less odometry has slid since: once it did, all of them never fit again
+        of_fixes = (_align_fixes(fixes[-count:], R_level_odom) for count in (_FEW, 2 * _FEW, len(fixes)))
+        for alignment in (*of_fixes, _align_ranges(ranges, R_level_odom)):
             if alignment and alignment.sure(yaw_std=s.align_yaw_std, position_std=s.align_position_std):
                 return alignment
         return None

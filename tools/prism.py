@@ -15,6 +15,9 @@ from semmap.measurements import Measurement, PrismFix, Scan
 from semmap.prism_files import read_prism_file
 from semmap.rig import Rig
 
+_MOST_OFF_M = 0.15
+"""Where fixes and odometry differ by more, one of them is wrong, and so is what they tell of the clocks."""
+
 Reread = Callable[[], Iterable[Measurement]]
 """Gives the measurements of the recording, from the beginning each time."""
 
@@ -50,6 +53,9 @@ def fixes_of_file(
     except MeasurementError as error:
         mend = f"{error.mend}; or set total_station.time_offset_s"
         raise InputFileError(error.what, file=path, mend=mend) from None
+    if offset.residual_m > _MOST_OFF_M:
+        what = f"fits what LiDAR and IMU tell of the motion to {offset.residual_m:.2g} m only"
+        raise InputFileError(what, file=path, mend="set total_station.time_offset_s")
     return tuple(offset.applied(fix) for fix in fixes), offset
 
 
