@@ -22,6 +22,7 @@ from semmap.geometry import Array, inverse, so3_log
 from semmap.measurements import Measurement, PrismFix, Scan
 from semmap.rig import Rig
 from semmap.trajectory import Trajectory
+from tools.bench.roadheader_ins import ins_track
 from tools.run import stream, timing
 from tools.simulator import SensorFaults, SimulationSettings, fly, scenario
 from tools.simulator.flight import EPOCH_NS, Flight
@@ -34,6 +35,8 @@ SYSTEMS: dict[str, tuple[str, ...]] = {
     "without prism": ("prism",),
 }
 """Ours whole, and what is left out."""
+INS = "INS and total station"
+"""The filter of paper 002 II-B by itself, see `roadheader_ins`."""
 HIDDEN_S = (95.0, 125.0)
 """When the prism is out of sight, where it is: driving, turning and reversing, in seconds of the drive."""
 STARTED_S = 29.0
@@ -66,6 +69,8 @@ CASES = (
     Case("tactical", 200.0, hidden=True),
     Case("tactical", 200.0, "without prism"),
     Case("tactical", 200.0, "without enhancement"),
+    Case("tactical", 200.0, INS),
+    Case("tactical", 200.0, INS, hidden=True),
     Case("tactical", 25.0),
     Case("tactical", 50.0),
     Case("tactical", 100.0),
@@ -142,6 +147,8 @@ def roadheader_flight(imu: str, seed: int, faults: SensorFaults) -> Flight:
 
 def driven(case: Case, seed: int, flight: Flight, measurements: Sequence[Measurement]) -> Drive:
     """Run one case and compare it with the truth."""
+    if case.system == INS:
+        return _by_ins(case, seed, flight, [m for m in measurements if not (case.hidden and _hidden(m))])
     localizer = Localizer(flight.rig.without(*SYSTEMS[case.system]), None)
     seen = (m for m in measurements if not (case.hidden and _hidden(m)))
     costs = stream(localizer, seen)
@@ -149,6 +156,19 @@ def driven(case: Case, seed: int, flight: Flight, measurements: Sequence[Measure
     scans = [m for m in measurements if isinstance(m, Scan)][::_EVERY]
     ms = timing(costs)["ms_per_scan_median"]
     return compared(str(case), seed, result, truth, flight.rig, scans, np.nan if ms is None else ms)
+
+
+def _by_ins(case: Case, seed: int, flight: Flight, measurements: Sequence[Measurement]) -> Drive:
+    track = ins_track(flight.rig, measurements, EPOCH_NS + round(STARTED_S * 1e9))
+    at = _Errors.of(track, flight.truth())
+    roll, pitch, yaw = np.sqrt(np.mean(at.turn_deg**2, axis=0)).tolist()
+    hidden = (at.t >= HIDDEN_S[0]) & (at.t < HIDDEN_S[1])
+    return Drive(
+        str(case), seed, rms=_rms(at.off), z_rms=_rms(at.off[:, 2:]), z_max=float(np.abs(at.off[:, 2]).max()),
+        roll=roll, pitch=pitch, yaw=yaw, start_yaw=float(at.turn_deg[0, 2]),
+        after_hidden=float(np.linalg.norm(at.off[hidden][-1])),
+        most_hidden=float(np.linalg.norm(at.off[hidden], axis=1).max()), known_from_s=float(at.t[0]),
+    )  # fmt: skip
 
 
 def _hidden(measurement: Measurement) -> bool:
