@@ -147,7 +147,7 @@ class Sightings:
         return None
 
     def of_standing(self, since_ns: int) -> tuple[Sighting, Sighting] | None:
-        """The kept fixes from a time on, during which the prism stood, as two: the first half's mean and the rest's."""
+        """The kept fixes from a time on, during which the prism stood, as two: the first half and the rest."""
         fixes = [sighting for sighting in self._kept if sighting.anchor is None and sighting.stamp_ns >= since_ns]
         if len(fixes) < 2:
             return None
@@ -162,8 +162,9 @@ def align_standing(found: StaticAlignment, fix: Sighting, T_odom_imu: Array, R_l
 
 
 def _mean_fix(fixes: list[Sighting]) -> Sighting:
-    p_odom, p_map = (np.mean([getattr(fix, name) for fix in fixes], axis=0) for name in ("p_odom", "p_map"))
-    return replace(fixes[-1], p_odom=p_odom, p_map=p_map, std=fixes[-1].std / np.sqrt(len(fixes)), alike=1.0)
+    """One of some of a prism that stands; medians, for fixes of something else that shines."""
+    p_odom, p_map = (np.median([getattr(fix, name) for fix in fixes], axis=0) for name in ("p_odom", "p_map"))
+    return replace(fixes[-1], p_odom=p_odom, p_map=p_map, std=1.25 * fixes[-1].std / np.sqrt(len(fixes)), alike=1.0)
 
 
 def _align_fixes(fixes: list[Sighting], R_level_odom: Array) -> Alignment | None:

@@ -17,6 +17,8 @@ _LEAST_S, _MOST_S = 20.0, 60.0
 _MARGIN_NS = 1_000_000_000
 """Motion may have begun this long before a fix shows it."""
 _STANDS_SIGMAS = 6.0
+_MOVED = 3
+"""So many fixes in a row elsewhere are motion, fewer are something else that shines."""
 _HEADING_STD = 0.03
 """Gyroscopes that would know north no better than this are not asked [rad]."""
 
@@ -36,7 +38,7 @@ class Standing:
         self.imu, self.station, self.earth, self.denoise = rig.imu, station, earth, denoise
         self.since_ns = 0
         self._samples: deque[ImuSample] = deque()
-        self._count, self._mean = 0, np.zeros(3)
+        self._count, self._away, self._mean = 0, 0, np.zeros(3)
         self._last_ns = 0
         self._found: StaticAlignment | None = None
 
@@ -57,8 +59,12 @@ class Standing:
     def add_fix(self, fix: PrismFix) -> None:
         """The prism was seen; elsewhere than before means that the machine moved."""
         limit_m = _STANDS_SIGMAS * self.station.point_std
-        if not self._count or np.linalg.norm(fix.p_map - self._mean) > limit_m:
-            self.since_ns, self._count, self._mean, self._found = fix.stamp_ns, 0, np.zeros(3), None
+        elsewhere = self._count > 0 and float(np.linalg.norm(fix.p_map - self._mean)) > limit_m
+        self._away = self._away + 1 if elsewhere else 0
+        if elsewhere and self._away < _MOVED:
+            return
+        if elsewhere or not self._count:
+            self.since_ns, self._count, self._away, self._mean, self._found = fix.stamp_ns, 0, 0, np.zeros(3), None
         self._count += 1
         self._mean = self._mean + (fix.p_map - self._mean) / self._count
         self._last_ns = fix.stamp_ns

@@ -15,6 +15,7 @@ from semmap.measurements import Measurement, PrismFix, Scan
 from semmap.prism_files import read_prism_file
 from semmap.rig import Rig
 
+_FEWEST = 10
 _MOST_OFF_M = 0.15
 """Where fixes and odometry differ by more, one of them is wrong, and so is what they tell of the clocks."""
 
@@ -44,6 +45,9 @@ def fixes_of_file(
     if "time_offset_s" in station.model_fields_set:
         known = ClockOffset(station.time_offset_s, 0.0, 0.0)
         return tuple(known.applied(fix) for fix in fixes), None
+    if len(fixes) < _FEWEST:
+        mend = "track the prism for a while in motion; or set total_station.time_offset_s"
+        raise InputFileError(f"has {len(fixes)} fixes, too few to tell the clock offset", file=path, mend=mend)
     localizer = Localizer(rig.without("prism", "uwb"), None, settings)
     for measurement in reread():
         localizer.add(measurement)

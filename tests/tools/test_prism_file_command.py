@@ -73,6 +73,7 @@ def test_the_file_places_the_machine_though_its_clock_is_wrong(files, flight, tm
     assert np.sqrt(np.mean(np.sum(off**2, axis=1))) < 0.04
 
 
+@pytest.mark.slow
 def test_a_known_offset_is_taken_as_it_is(files, tmp_path) -> None:
     text = (files / "rig.yaml").read_text()
     (files / "timed.yaml").write_text(text.replace("total_station:\n", "total_station:\n  time_offset_s: 1.7\n"))
