@@ -93,6 +93,6 @@ class Standing:
 
             clean = enhance(stamps, gyro, accel, self.denoise)
             gyro, accel = clean.gyro, clean.accel
-        found = align_static(stamps, gyro, accel, self.imu, self.earth)
+        found = align_static(stamps, gyro, accel, self.imu, self.earth, tapered=self.imu.engines)
         self._found = found if found.sure(heading_std=_HEADING_STD) else None
         return self._found

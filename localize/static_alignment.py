@@ -49,6 +49,7 @@ def align_static(
     *,
     heading: float | None = None,
     heading_std: float = 0.0,
+    tapered: bool = True,
 ) -> StaticAlignment:
     """Attitude from a stretch at rest, stamps (n,), gyro (n, 3) [rad/s], accel (n, 3) [m/s²] in the imu frame.
 
@@ -60,6 +61,7 @@ def align_static(
     Parameters
     ----------
     heading, heading_std : of the imu's x axis in the map [rad], counter-clockwise from +x, where it is known otherwise.
+    tapered : the ends of the stretch fade, against tones that it cuts; where nothing shakes the plain mean is better.
 
     Raises
     ------
@@ -70,7 +72,7 @@ def align_static(
     if duration_s < _MIN_S:
         what = f"has {duration_s:.2g} s at rest"
         raise MeasurementError(what, field="align_static", mend=f"stand for {_MIN_S:g} s at the least")
-    weights = tukey(len(stamps_ns) + 2, _TAPER)[1:-1]
+    weights = tukey(len(stamps_ns) + 2, _TAPER if tapered else 0.0)[1:-1]
     rate, force = (weights @ signal / weights.sum() for signal in (gyro, accel))
     up = force / np.linalg.norm(force)
     tilt_std = float(np.hypot(imu.accel_bias_std, imu.accel_noise / np.sqrt(duration_s)) / earth.gravity)
