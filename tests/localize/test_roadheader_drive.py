@@ -24,7 +24,7 @@ def drive(dust, seed=1):
         "imu": rig.imu.model_copy(update={"rate_hz": 200.0}),
         "lidar": rig.lidar.model_copy(update={"columns": 360}),
     }
-    settings = SimulationSettings(motion=MOTION, faults=SensorFaults(dust=dust, prism_outlier_rate=0.02))
+    settings = SimulationSettings(motion=MOTION, faults=SensorFaults(dust=dust, prism_outlier_rate=0.08))
     it = fly(mine, None, rig.model_copy(update=slower), settings=settings, seed=seed)
     return it, tuple(simulate_measurements(it))
 
