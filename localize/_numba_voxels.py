@@ -10,6 +10,10 @@ _ROCK_VARIANCE, _ROCK_POINTS = 0.03**2, 10
 """How rough rock is taken to be [m²] until this many points have told: between a few scan lines anything may be."""
 _SHARED = 3.0
 """Points that came with one scan share the error of its pose: so many count as one for how a normal leans."""
+_BEYOND = 6.0
+"""How far from its points a shape is believed, as the square of their standard deviations: 6 is the corner of an evenly
+filled square. Beyond it rock bends; and where a robot that moves off sees the floor line by line, slopes drawn out to
+the next line would carry one error on and on."""
 _BIAS = 1 << 20  # cells are numbered from -2^20 to 2^20 on each axis
 
 
@@ -285,11 +289,13 @@ def point_to_shape(
         if c < 0:
             continue
         dx, dy, dz = x - mean[c, 0], y - mean[c, 1], z - mean[c, 2]
-        # the shape is known best amid its points, and the less the farther beyond them
+        # the shape is known best amid its points, and the less the farther beyond them; far beyond, nothing is known
         beyond = 0.0
         for k in range(rows[c], 3):
             u = axes[c, k]
             beyond += (scale[c, k] * (u[0] * dx + u[1] * dy + u[2] * dz)) ** 2
+        if beyond > _BEYOND:
+            continue
         rx, ry, rz = x - ox, y - oy, z - oz
         range2 = rx * rx + ry * ry + rz * rz
         used = False

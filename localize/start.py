@@ -1,4 +1,7 @@
-"""The start, from rest or in motion: the first stretch is run several times until speed and vertical fit it."""
+"""The start, from rest or in motion: the first stretch is run several times until speed and vertical fit it.
+
+At rest the scans repeat themselves, and the speed is known before.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from localize.dust import Air
 from localize.earth import Earth
 from localize.filter import ErrorStateFilter, start_covariance
 from localize.odometry import Odometry, OdometryPose
+from localize.rest import MOVED_M, still_seconds
 from localize.settings import DenoiseSettings, KeyframeSettings, OdometrySettings, PrismSettings
 from localize.standing import Standing
 from localize.state import GYRO_BIAS, SCALE, NavState
@@ -87,24 +92,33 @@ class StartingOdometry:
             return []
         held, self._held = self._held, []
         R = rotation_between(np.mean([sample.accel for sample in imu], axis=0), _UP)
+        velocity_std = self._velocity_std(held)
+        at_rest = velocity_std < self.settings.start_velocity_std
         v, speed = np.zeros(3), _first_speed(held)
-        if speed is not None and self.rig.wheel is not None:
+        if speed is not None and self.rig.wheel is not None and not at_rest:
             v = R @ self.rig.wheel.T_imu_wheel[:3, 0] * speed
         poses: list[OdometryPose] = []
         for _ in range(_PASSES):
-            start = self._filter(R, v, imu[0].stamp_ns)
+            start = self._filter(R, v, imu[0].stamp_ns, velocity_std)
             self.odometry = Odometry(self.rig, self.settings, self.keyframes, start, self.prism)
             self.T_odom_start = se3(R, np.zeros(3))
             poses = [pose for m in held if _usable(m, imu[0].stamp_ns) for pose in self.odometry.add(m)]
-            R, v = self._refined(R, v, poses, imu)
+            R, refined = self._refined(R, v, poses, imu)
+            v = v if at_rest else refined
         return poses
+
+    def _velocity_std(self, held: list[Measurement]) -> float:
+        """What is known of the speed at the start [m/s]: at rest, that a motion would have shown in the scans."""
+        # dust looks alike from everywhere
+        still_s = still_seconds([m.part(Air(m.points).clear) for m in held if isinstance(m, Scan)])
+        return min(self.settings.start_velocity_std, MOVED_M / max(still_s, 1e-9))
 
     def _refined(self, R: Array, v: Array, poses: list[OdometryPose], imu: list[ImuSample]) -> tuple[Array, Array]:
         """Start attitude and velocity that the first stretch ended up with, carried back to its beginning."""
         if len(poses) < 4:
             return R, v
         end = poses[-1].state
-        back = self._filter(R, np.zeros(3), imu[0].stamp_ns)
+        back = self._filter(R, np.zeros(3), imu[0].stamp_ns, self.settings.start_velocity_std)
         back.state.gyro_bias, back.state.accel_bias, back.state.g = end.gyro_bias, end.accel_bias, end.g
         used = [sample for sample in imu if sample.stamp_ns <= poses[-1].stamp_ns]
         back.predict(
@@ -115,7 +129,7 @@ class StartingOdometry:
         level = rotation_between(-end.g, _UP)
         return level @ R, level @ (end.v - back.state.v)
 
-    def _filter(self, R: Array, v: Array, stamp_ns: int) -> ErrorStateFilter:
+    def _filter(self, R: Array, v: Array, stamp_ns: int, velocity_std: float) -> ErrorStateFilter:
         rig, s = self.rig, self.settings
         state = NavState(
             R=R.copy(), p=np.zeros(3), v=v.copy(), gyro_bias=np.zeros(3), accel_bias=np.zeros(3),
@@ -126,7 +140,7 @@ class StartingOdometry:
             T_odom_clone=np.eye(4), T_odom_map=np.eye(4), map_centre=np.zeros(3),
         )  # fmt: skip
         P = start_covariance(
-            rig.imu, tilt_std=s.start_tilt_std, velocity_std=s.start_velocity_std, g=state.g, mountings=s.extrinsics
+            rig.imu, tilt_std=s.start_tilt_std, velocity_std=velocity_std, g=state.g, mountings=s.extrinsics
         )
         # until north is known, the horizontal part of the earth's rate is in the bias
         P[GYRO_BIAS, GYRO_BIAS] += float(np.sum(self.earth.rate[:2] ** 2)) * np.eye(3)
