@@ -36,8 +36,11 @@ class Alignment:
         return self.yaw_std < yaw_std and self.position_std < position_std
 
 
-def align_fixes(p_level: Array, p_map: Array, std: float) -> Alignment | None:
-    """Heading and translation from points (n, 3) known in both frames; None where they do not fit one another."""
+def align_fixes(p_level: Array, p_map: Array, std: float, odometry_std: float = 0.0) -> Alignment | None:
+    """Heading and translation from points (n, 3) known in both frames; None where they do not fit one another.
+
+    std : of a fix [m]. odometry_std : of the odometry over the stretch, by its own account [m].
+    """
     if len(p_level) < 3:
         return None
     for _ in range(_FITS):
@@ -47,7 +50,7 @@ def align_fixes(p_level: Array, p_map: Array, std: float) -> Alignment | None:
         R = yaw_rotation(float(yaw))
         off = np.linalg.norm(b - a @ R.T, axis=1)
         # odometry's own error over the stretch comes on top of the instrument's
-        noise = std + 0.005 * np.sqrt(spread / len(a))
+        noise = std + odometry_std + 0.005 * np.sqrt(spread / len(a))
         if np.median(off) > 4.0 * noise or spread == 0.0:
             return None
         # something else that shines
@@ -56,7 +59,10 @@ def align_fixes(p_level: Array, p_map: Array, std: float) -> Alignment | None:
             break
         p_level, p_map = p_level[good], p_map[good]
     T = se3(R, p_map.mean(axis=0) - R @ p_level.mean(axis=0))
-    return Alignment(T, noise / np.sqrt(spread), noise / np.sqrt(len(a)))
+    # the fixes' noise averages out, odometry's error is one over the stretch
+    each, all_alike = std + 0.005 * np.sqrt(spread / len(a)), odometry_std
+    yaw_std = (each + all_alike * np.sqrt(len(a))) / np.sqrt(spread)
+    return Alignment(T, float(yaw_std), float(each / np.sqrt(len(a)) + all_alike))
 
 
 def align_ranges(p_level: Array, anchors: Array, distances: Array, std: float) -> Alignment | None:

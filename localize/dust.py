@@ -18,7 +18,10 @@ _NEAR_M = 6.0
 _CUBE_M = 0.4
 _THICK_M = 0.05
 """More than the roughness of rock within a cube and the noise of ranges."""
-_SHEET_POINTS = 6
+_FEW = 6
+"""Fewer points have no thickness to speak of."""
+_SHEET_POINTS, _SHEET_M = 15, 0.04
+"""What is rock in dusty air: at 200 mg/m³ six of seven points that pass are; of sheets half as full, every second."""
 _DUSTY = 0.05
 """Share of the near returns in thick cubes beyond which the air is dusty; it is below 0.001 in clear air."""
 _STRIDE = 1 << 12
@@ -39,10 +42,10 @@ class Air:
         if not len(near):
             return
         count, thickness, cube = _cubes(np.asarray(points[near], dtype=np.float64))
-        thick = (count >= _SHEET_POINTS) & (thickness > _THICK_M)
+        thick = (count >= _FEW) & (thickness > _THICK_M)
         self.dust = float(count[thick].sum() / len(near))
         if self.dust > _DUSTY:
-            self.clear[near] = ((count >= _SHEET_POINTS) & ~thick)[cube]
+            self.clear[near] = ((count >= _SHEET_POINTS) & (thickness < _SHEET_M))[cube]
 
     @property
     def dusty(self) -> bool:

@@ -11,6 +11,7 @@ from localize.graph import PoseGraph
 from localize.keyframes import Keyframe, Keyframes
 from localize.matcher import IntersectionMatcher, Recognition
 from localize.odometry import OdometryPose
+from localize.prism import PrismPosition
 from localize.ranging import Ranging
 from localize.results import Event, LocalizationResult, State, Update
 from localize.settings import LocalizeSettings
@@ -203,7 +204,7 @@ class Localizer:
                 self._pin_sighting(sighting, pose)
             return
         R_level_odom = rotation_between(self._newest.up_odom, _UP)
-        alignment = self._sightings.align(R_level_odom)
+        alignment = self._sightings.align(R_level_odom, pose.position_std)
         if alignment is not None:
             self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, "ranges and fixes")
             for sighting in self._sightings.kept:
@@ -303,6 +304,7 @@ class Localizer:
         least = s.min_gate
         if sighting.anchor is None:
             least, std = s.min_prism_gate, float(np.hypot(std, np.sqrt(np.trace(way))))
+            off, std = self._off_filter(sighting, off, std)
         if pose is not None and off > max(least, s.max_innovation * std):
             self._event(sighting.stamp_ns, f"{kind}_refused", anchor=sighting.anchor, off_m=float(off))
             return
@@ -319,6 +321,18 @@ class Localizer:
         self._watch.fitted("prism" if sighting.anchor is None else "uwb", sighting.anchor, sighting.stamp_ns)
         self._counts["pins"] += 1
         self._pins_dirty = True
+
+    def _off_filter(self, fix: Sighting, off: float, std: float) -> tuple[float, float]:
+        """How far a fix is off where the filter has the prism, and how well it knows that; it knows better than the
+        graph, which may have begun with a wrong heading."""
+        engine, station = self._odometry.odometry, self.rig.total_station
+        if engine is None or station is None or engine.filter.state.T_map_odom is None:
+            return off, std
+        predicted = transform(engine.filter.state.T_map_odom, fix.p_odom[None])[0]
+        model = PrismPosition(fix.p_map, np.array(station.p_imu_prism), fix.std)
+        return float(np.linalg.norm(predicted - fix.p_map)), float(
+            np.hypot(fix.std, model.predicted_std(engine.filter))
+        )
 
     def _from_keyframe(self, sighting: Sighting, pose: OdometryPose | None) -> tuple[int, Array, Array]:
         """The keyframe before a sighting, the sighted point (3,) in its axes, and what the way from there is off by.

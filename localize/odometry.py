@@ -17,7 +17,7 @@ from localize.range_check import Verdict
 from localize.ranging import Ranging
 from localize.settings import KeyframeSettings, OdometrySettings, PrismSettings
 from localize.slip import WheelFusion
-from localize.state import GRAVITY, ROTATION, NavState
+from localize.state import GRAVITY, POSITION, ROTATION, NavState
 from localize.uwb import Vertical
 from semmap.geometry import Array, inverse, rotation_angle, skew, transform
 from semmap.measurements import ImuSample, Measurement, PrismFix, Scan, UwbRange, WheelSpeed
@@ -62,6 +62,11 @@ class OdometryPose:
     def T_odom_imu(self) -> Array:
         """Pose (4, 4)."""
         return self.state.T_odom_imu
+
+    @property
+    def position_std(self) -> float:
+        """How well the filter knows the position in odom, per axis on average [m]."""
+        return float(np.sqrt(np.trace(self.covariance[POSITION, POSITION]) / 3.0))
 
     @property
     def up_imu(self) -> Array:

@@ -8,6 +8,7 @@ nothing. So no measurement enters two filters.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,8 +24,8 @@ _COLUMNS = np.r_[ROTATION, POSITION, ODOM]
 _STANDS_S = 0.8
 """Fixes over this long tell whether the machine stands."""
 _STANDS_SIGMAS = 3.0
-_AGREE_M = 0.05
-"""Refused fixes that lie off alike, within this, are right and the filter is wrong."""
+_MOST_SPEED = 1.5
+"""Refused fixes that move no faster than a machine are of the prism, and the filter is wrong [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +61,11 @@ class PrismPosition:
 
     def linearize(self, state: NavState) -> Information:
         return information(self.residual(state), self.jacobian(state), self.std**2 * np.eye(3), _COLUMNS)
+
+    def predicted_std(self, filter: ErrorStateFilter) -> float:
+        """How well the filter knows where the prism is, all axes together [m]."""
+        H = self.jacobian(filter.state)
+        return float(np.sqrt(np.trace(H @ filter.P[np.ix_(_COLUMNS, _COLUMNS)] @ H.T)))
 
     def distance2(self, filter: ErrorStateFilter) -> float:
         """Squared Mahalanobis distance of the fix from what the filter expects."""
@@ -104,7 +110,7 @@ class PrismFusion:
         self.doubts = 0
         self._lever = np.array(block.p_imu_prism)
         self._standing: list[PrismFix] = []
-        self._refused: list[Array] = []
+        self._refused: list[PrismFix] = []
 
     def take(self, fix: PrismFix, filter: ErrorStateFilter) -> FixOutcome | None:
         """Take a fix at the filter's time; None where it was no position."""
@@ -115,21 +121,31 @@ class PrismFusion:
         model = PrismPosition(fix.p_map, self._lever, self.block.point_std)
         residual = model.residual(filter.state)
         off_m = float(np.linalg.norm(residual))
-        if model.distance2(filter) > self.settings.gate and not self._contradicts(residual, filter):
+        if model.distance2(filter) > self.settings.gate and not self._contradicts(fix, off_m, filter):
             return FixOutcome(False, off_m)
         self._refused.clear()
         filter.update(model, iterations=2)
         return FixOutcome(True, off_m)
 
-    def _contradicts(self, residual: Array, filter: ErrorStateFilter) -> bool:
-        """Whether so many refused fixes in a row lie off alike that it is the filter that is wrong."""
-        self._refused = [*self._refused[1 - self.settings.contradicting :], residual]
-        spread = np.ptp(self._refused, axis=0).max()
-        if len(self._refused) < self.settings.contradicting or spread > _AGREE_M:
+    def _contradicts(self, fix: PrismFix, off_m: float, filter: ErrorStateFilter) -> bool:
+        """Whether so many fixes in a row were refused that belong together that it is the filter that is wrong.
+
+        Then place and speed are doubted by as much as they are off.
+        """
+        self._refused = [*self._refused[1 - self.settings.contradicting :], fix]
+        if len(self._refused) < self.settings.contradicting:
             return False
-        filter.doubt_odom(float(np.linalg.norm(residual)))
+        if not all(self._belong_together(a, b) for a, b in pairwise(self._refused)):
+            return False
+        span_s = (self._refused[-1].stamp_ns - self._refused[0].stamp_ns) * 1e-9
+        filter.doubt_odom(off_m)
+        filter.P[VELOCITY, VELOCITY] += (off_m / max(span_s, 1.0)) ** 2 * np.eye(3)
         self.doubts += 1
         return True
+
+    def _belong_together(self, a: PrismFix, b: PrismFix) -> bool:
+        reach = _MOST_SPEED * abs(b.stamp_ns - a.stamp_ns) * 1e-9 + 6.0 * self.block.point_std
+        return float(np.linalg.norm(b.p_map - a.p_map)) < reach
 
     def _stand(self, fix: PrismFix, filter: ErrorStateFilter) -> None:
         """A prism that does not move says that the machine stands, whatever way the map lies."""

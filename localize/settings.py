@@ -94,7 +94,7 @@ class PrismSettings(Settings):
     gate: PositiveFloat = 16.27
     """A fix whose squared Mahalanobis distance is beyond this is refused (one of a thousand good ones)."""
     contradicting: PositiveInt = 8
-    """So many refused fixes in a row that lie off alike say that the filter is wrong."""
+    """So many refused fixes in a row that belong together say that the filter is wrong."""
 
 
 class KeyframeSettings(Settings):

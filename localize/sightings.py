@@ -131,8 +131,11 @@ class Sightings:
         """The last sightings, oldest first."""
         return list(self._kept)
 
-    def align(self, R_level_odom: Array) -> Alignment | None:
-        """Where gravity-levelled odom lies in the map, once the sightings tell it surely; None before."""
+    def align(self, R_level_odom: Array, odometry_std: float = 0.0) -> Alignment | None:
+        """Where gravity-levelled odom lies in the map, once the sightings tell it surely; None before.
+
+        odometry_std : how well odometry says it knows the place in odom [m].
+        """
         if self._seen < self._tried + _NEW:
             return None
         self._tried = self._seen
@@ -140,7 +143,7 @@ class Sightings:
         fixes = [sighting for sighting in self._kept if sighting.anchor is None]
         ranges = [sighting for sighting in self._kept if sighting.anchor is not None]
         # the fewer, the less odometry has slid since: once it did, all of them never fit again
-        of_fixes = (_align_fixes(fixes[-count:], R_level_odom) for count in (_FEW, 2 * _FEW, len(fixes)))
+        of_fixes = (_align_fixes(fixes[-count:], R_level_odom, odometry_std) for count in (_FEW, 2 * _FEW, len(fixes)))
         for alignment in (*of_fixes, _align_ranges(ranges, R_level_odom)):
             if alignment and alignment.sure(yaw_std=s.align_yaw_std, position_std=s.align_position_std):
                 return alignment
@@ -167,11 +170,11 @@ def _mean_fix(fixes: list[Sighting]) -> Sighting:
     return replace(fixes[-1], p_odom=p_odom, p_map=p_map, std=1.25 * fixes[-1].std / np.sqrt(len(fixes)), alike=1.0)
 
 
-def _align_fixes(fixes: list[Sighting], R_level_odom: Array) -> Alignment | None:
+def _align_fixes(fixes: list[Sighting], R_level_odom: Array, odometry_std: float) -> Alignment | None:
     if not fixes:
         return None
     p_odom, p_map = np.array([f.p_odom for f in fixes]), np.array([f.p_map for f in fixes])
-    return align_fixes(p_odom @ R_level_odom.T, p_map, fixes[0].std)
+    return align_fixes(p_odom @ R_level_odom.T, p_map, fixes[0].std, odometry_std)
 
 
 def _align_ranges(ranges: list[Sighting], R_level_odom: Array) -> Alignment | None:
