@@ -298,7 +298,7 @@ class Localizer:
         predicted = transform(self._graph.pose(index), p_imu[None])[0]
         error = predicted - sighting.p_map
         distance = self._true_distance(sighting)
-        off = abs(np.linalg.norm(error) - distance)
+        off = abs(float(np.linalg.norm(error)) - distance)
         s, kind = self.settings.sightings, "prism" if sighting.anchor is None else "range"
         std = float(np.sqrt(sighting.std**2 + np.trace(self._covariance[3:, 3:])))
         least = s.min_gate
