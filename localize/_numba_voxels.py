@@ -4,6 +4,9 @@ import numpy as np
 from numba import njit
 
 EMPTY = np.int64(-1)
+COUNT, MEAN, ROWS, VARIANCE, SCALE, AXES, SCATTER, CELL = 0, 1, 4, 5, 6, 9, 18, 24
+"""Columns of a cell: how many points, their mean (3), the kind of shape, variance across it, scale (3), axes (3 by 3)
+and scatter (6). They stand side by side, so that a cell is fetched from memory once."""
 PLANES, PLANES_AND_EDGES, EDGES = 0, 1, 2
 _PLANE_RATIO, _EDGE_RATIO = 0.37, 2.1  # paper 002, Eq. 30
 _ROCK_VARIANCE, _ROCK_POINTS = 0.03**2, 10
@@ -27,24 +30,22 @@ def cell_key(x, y, z, inverse_size):
 
 
 @njit(cache=True, inline="always")
-def _slot_of(keys, key):
-    """Where a key stands in the table, or where it would be put."""
-    mask = np.uint64(len(keys) - 1)
+def _slot_of(table, key):
+    """Where a key stands in the table (n, 2) of keys and their cells, or where it would be put."""
+    mask = np.uint64(len(table) - 1)
     h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     h = (h ^ (h >> np.uint64(32))) & mask
-    while keys[np.int64(h)] != EMPTY and keys[np.int64(h)] != key:
+    while table[np.int64(h), 0] != EMPTY and table[np.int64(h), 0] != key:
         h = (h + np.uint64(1)) & mask
     return np.int64(h)
 
 
 @njit(cache=True)
-def rehash(keys, cells, new_keys, new_cells):
+def rehash(table, new_table):
     """The table again in a larger one."""
-    for s in range(len(keys)):
-        if keys[s] != EMPTY:
-            new = _slot_of(new_keys, keys[s])
-            new_keys[new] = keys[s]
-            new_cells[new] = cells[s]
+    for s in range(len(table)):
+        if table[s, 0] != EMPTY:
+            new_table[_slot_of(new_table, table[s, 0])] = table[s]
 
 
 @njit(cache=True)
@@ -90,10 +91,7 @@ def eigen3(S, values, vectors):
 
 
 @njit(cache=True)
-def insert(
-    points, inverse_size, max_points, min_points, rule, keys, cells, used, count, mean, scatter, rows, axes, scale,
-    variance, added, hit,
-):  # fmt: skip
+def insert(points, inverse_size, max_points, min_points, rule, table, cells, used, added, hit):
     """Add points (n, 3) in the map; returns the number of cells in use and how new the map is where the points are.
 
     Full cells (max_points) stay as they are. The tables must have room for n more cells. The shape of a cell is that
@@ -101,68 +99,71 @@ def insert(
     spread, the first ``rows`` of them across the shape, scale is one over the spread along each, variance that across
     [m²]. added and hit are scratch; added must be 0.
     """
-    S, spread = np.empty((3, 3)), np.empty(3)
     hits = 0
     for i in range(len(points)):
         key = cell_key(points[i, 0], points[i, 1], points[i, 2], inverse_size)
-        slot = _slot_of(keys, key)
-        if keys[slot] == EMPTY:
-            keys[slot] = key
-            cells[slot] = used
-            c = used
-            count[c] = 0
-            mean[c] = 0.0
-            scatter[c] = 0.0
-            rows[c] = 0
+        slot = _slot_of(table, key)
+        if table[slot, 0] == EMPTY:
+            table[slot, 0] = key
+            table[slot, 1] = used
+            cells[used] = 0.0
             used += 1
-        else:
-            c = cells[slot]
+        c = table[slot, 1]
         if added[c] == 0:
             hit[hits] = c
             hits += 1
-        n = count[c]
+        cell = cells[c]
+        n = cell[COUNT]
         if n >= max_points:
             if added[c] == 0:
                 added[c] = -1
             continue
         added[c] = max(added[c], 0) + 1
-        n += 1
-        count[c] = n
-        dx, dy, dz = points[i, 0] - mean[c, 0], points[i, 1] - mean[c, 1], points[i, 2] - mean[c, 2]
-        mean[c, 0] += dx / n
-        mean[c, 1] += dy / n
-        mean[c, 2] += dz / n
-        ex, ey, ez = points[i, 0] - mean[c, 0], points[i, 1] - mean[c, 1], points[i, 2] - mean[c, 2]
-        scatter[c, 0] += dx * ex
-        scatter[c, 1] += dx * ey
-        scatter[c, 2] += dx * ez
-        scatter[c, 3] += dy * ey
-        scatter[c, 4] += dy * ez
-        scatter[c, 5] += dz * ez
-    for k in range(hits):
-        c = hit[k]
-        n = count[c]
-        if added[c] > 0 and n >= min_points:
-            S[0, 0], S[0, 1], S[0, 2] = scatter[c, 0], scatter[c, 1], scatter[c, 2]
-            S[1, 0], S[1, 1], S[1, 2] = scatter[c, 1], scatter[c, 3], scatter[c, 4]
-            S[2, 0], S[2, 1], S[2, 2] = scatter[c, 2], scatter[c, 4], scatter[c, 5]
-            eigen3(S, spread, axes[c])
-            spread /= n - 1
-            rows[c] = _shape(spread, rule)
-            across = 0.0
-            for j in range(3):
-                scale[c, j] = 1.0 / np.sqrt(max(spread[j], 1e-12))
-                if j < rows[c]:
-                    across += max(spread[j], 0.0) / rows[c]
-            variance[c] = (across * (n - 1) + _ROCK_POINTS * _ROCK_VARIANCE) / (n - 3 + _ROCK_POINTS)
+        n += 1.0
+        cell[COUNT] = n
+        dx, dy, dz = points[i, 0] - cell[MEAN], points[i, 1] - cell[MEAN + 1], points[i, 2] - cell[MEAN + 2]
+        cell[MEAN] += dx / n
+        cell[MEAN + 1] += dy / n
+        cell[MEAN + 2] += dz / n
+        ex, ey, ez = points[i, 0] - cell[MEAN], points[i, 1] - cell[MEAN + 1], points[i, 2] - cell[MEAN + 2]
+        cell[SCATTER] += dx * ex
+        cell[SCATTER + 1] += dx * ey
+        cell[SCATTER + 2] += dx * ez
+        cell[SCATTER + 3] += dy * ey
+        cell[SCATTER + 4] += dy * ez
+        cell[SCATTER + 5] += dz * ez
     share, shapes = 0.0, 0
     for k in range(hits):
         c = hit[k]
-        if rows[c] > 0:
-            share += max(added[c], 0) / count[c]
+        if added[c] > 0 and cells[c, COUNT] >= min_points:
+            _fit(cells[c], rule)
+        if cells[c, ROWS] > 0.0:
+            share += max(added[c], 0) / cells[c, COUNT]
             shapes += 1
         added[c] = 0
     return used, (share / shapes if shapes else 1.0)
+
+
+@njit(cache=True)
+def _fit(cell, rule):
+    """The shape of a cell from its points."""
+    S, spread, axes = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    n, scatter = cell[COUNT], cell[SCATTER:CELL]
+    S[0, 0], S[0, 1], S[0, 2] = scatter[0], scatter[1], scatter[2]
+    S[1, 0], S[1, 1], S[1, 2] = scatter[1], scatter[3], scatter[4]
+    S[2, 0], S[2, 1], S[2, 2] = scatter[2], scatter[4], scatter[5]
+    eigen3(S, spread, axes)
+    spread /= n - 1
+    rows = _shape(spread, rule)
+    across = 0.0
+    for j in range(3):
+        cell[SCALE + j] = 1.0 / np.sqrt(max(spread[j], 1e-12))
+        for k in range(3):
+            cell[AXES + 3 * j + k] = axes[j, k]
+        if j < rows:
+            across += max(spread[j], 0.0) / rows
+    cell[ROWS] = rows
+    cell[VARIANCE] = (across * (n - 1) + _ROCK_POINTS * _ROCK_VARIANCE) / (n - 3 + _ROCK_POINTS)
 
 
 @njit(cache=True, inline="always")
@@ -178,21 +179,22 @@ def _shape(spread, rule):
 
 
 @njit(cache=True)
-def downsample(points, inverse_size, keys, cells, total, out):
-    """Mean of the points (n, 3) in each cell into out; returns how many. keys and cells are scratch tables."""
-    keys[:] = EMPTY
+def downsample(points, inverse_size, table, total, out):
+    """Mean of the points (n, 3) in each cell into out; returns how many. table and total are scratch."""
+    table[:, 0] = EMPTY
     m = 0
     for i in range(len(points)):
         key = cell_key(points[i, 0], points[i, 1], points[i, 2], inverse_size)
-        slot = _slot_of(keys, key)
-        if keys[slot] == EMPTY:
-            keys[slot] = key
-            cells[slot] = m
+        slot = _slot_of(table, key)
+        if table[slot, 0] == EMPTY:
+            table[slot, 0] = key
+            table[slot, 1] = m
             out[m] = 0.0
             total[m] = 0
             m += 1
-        c = cells[slot]
-        out[c] += points[i]
+        c = table[slot, 1]
+        for k in range(3):
+            out[c, k] += points[i, k]
         total[c] += 1
     for c in range(m):
         out[c] /= total[c]
@@ -200,12 +202,12 @@ def downsample(points, inverse_size, keys, cells, total, out):
 
 
 @njit(cache=True, inline="always")
-def _shape_near(x, y, z, size, keys, cells, rows, mean):
+def _shape_near(x, y, z, size, table, cells):
     """The cell whose shape a point belongs to: its own, or of the six beside it the one with the nearest mean."""
     inverse_size = 1.0 / size
-    own = _slot_of(keys, cell_key(x, y, z, inverse_size))
-    if keys[own] != EMPTY and rows[cells[own]] > 0:
-        return cells[own]
+    own = _slot_of(table, cell_key(x, y, z, inverse_size))
+    if table[own, 0] != EMPTY and cells[table[own, 1], ROWS] > 0.0:
+        return table[own, 1]
     best, best_distance2 = np.int64(-1), size * size
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -216,36 +218,36 @@ def _shape_near(x, y, z, size, keys, cells, rows, mean):
                 qy += sign * size
             else:
                 qz += sign * size
-            slot = _slot_of(keys, cell_key(qx, qy, qz, inverse_size))
-            if keys[slot] == EMPTY:
+            slot = _slot_of(table, cell_key(qx, qy, qz, inverse_size))
+            if table[slot, 0] == EMPTY:
                 continue
-            c = cells[slot]
-            if rows[c] == 0:
+            c = table[slot, 1]
+            if cells[c, ROWS] == 0.0:
                 continue
-            distance2 = (x - mean[c, 0]) ** 2 + (y - mean[c, 1]) ** 2 + (z - mean[c, 2]) ** 2
+            distance2 = (x - cells[c, MEAN]) ** 2 + (y - cells[c, MEAN + 1]) ** 2 + (z - cells[c, MEAN + 2]) ** 2
             if distance2 < best_distance2:
-                best, best_distance2 = np.int64(c), distance2
+                best, best_distance2 = c, distance2
     return best
 
 
 @njit(cache=True, inline="always")
-def _add_leaning(c, weight, R, p, count, mean, rows, axes, scale, variance, h, C):
+def _add_leaning(cell, weight, R, p, h, C):
     """Add to C what the noise of a shape's points alone would give: across leans along by noise / (√n spread)."""
-    n = count[c]
+    n = cell[COUNT]
     # what the points told themselves, without the roughness taken for granted
-    noise = max(variance[c] * (n - 3 + _ROCK_POINTS) - _ROCK_POINTS * _ROCK_VARIANCE, 0.0) / (n - 3)
-    dx, dy, dz = mean[c, 0] - p[0], mean[c, 1] - p[1], mean[c, 2] - p[2]
+    noise = max(cell[VARIANCE] * (n - 3 + _ROCK_POINTS) - _ROCK_POINTS * _ROCK_VARIANCE, 0.0) / (n - 3)
+    dx, dy, dz = cell[MEAN] - p[0], cell[MEAN + 1] - p[1], cell[MEAN + 2] - p[2]
     ix = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
     iy = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
     iz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
-    for k in range(rows[c], 3):
-        ux, uy, uz = axes[c, k, 0], axes[c, k, 1], axes[c, k, 2]
+    for k in range(int(cell[ROWS]), 3):
+        ux, uy, uz = cell[AXES + 3 * k], cell[AXES + 3 * k + 1], cell[AXES + 3 * k + 2]
         mx = R[0, 0] * ux + R[1, 0] * uy + R[2, 0] * uz
         my = R[0, 1] * ux + R[1, 1] * uy + R[2, 1] * uz
         mz = R[0, 2] * ux + R[1, 2] * uy + R[2, 2] * uz
         h[0], h[1], h[2] = iy * mz - iz * my, iz * mx - ix * mz, ix * my - iy * mx
         h[3], h[4], h[5] = mx, my, mz
-        leaning = weight * noise * scale[c, k] * scale[c, k] * _SHARED / n
+        leaning = weight * noise * cell[SCALE + k] * cell[SCALE + k] * _SHARED / n
         for row in range(6):
             for column in range(row, 6):
                 C[row, column] += leaning * h[row] * h[column]
@@ -253,8 +255,8 @@ def _add_leaning(c, weight, R, p, count, mean, rows, axes, scale, variance, h, C
 
 @njit(cache=True)
 def point_to_shape(
-    points, R, p, R_imu_lidar, p_imu_lidar, size, keys, cells, count, mean, rows, axes, scale, variance,
-    range_variance, beam_variance, gate, mark, met, pulls, A, b, B, C, residuals, sigmas,
+    points, R, p, R_imu_lidar, p_imu_lidar, size, table, cells, range_variance, beam_variance, gate,
+    mark, met, pulls, A, b, B, C, residuals, sigmas,
 ):  # fmt: skip
     """Sum A += HᵀH/σ², b -= Hᵀr/σ² of the residuals ``uᵀ(T p - mean)`` (paper 000 Eq. 14); returns how many matched.
 
@@ -285,27 +287,29 @@ def point_to_shape(
         x = R[0, 0] * ix + R[0, 1] * iy + R[0, 2] * iz + p[0]
         y = R[1, 0] * ix + R[1, 1] * iy + R[1, 2] * iz + p[1]
         z = R[2, 0] * ix + R[2, 1] * iy + R[2, 2] * iz + p[2]
-        c = _shape_near(x, y, z, size, keys, cells, rows, mean)
+        c = _shape_near(x, y, z, size, table, cells)
         if c < 0:
             continue
-        dx, dy, dz = x - mean[c, 0], y - mean[c, 1], z - mean[c, 2]
+        cell = cells[c]
+        rows = int(cell[ROWS])
+        dx, dy, dz = x - cell[MEAN], y - cell[MEAN + 1], z - cell[MEAN + 2]
         # the shape is known best amid its points, and the less the farther beyond them; far beyond, nothing is known
         beyond = 0.0
-        for k in range(rows[c], 3):
-            u = axes[c, k]
-            beyond += (scale[c, k] * (u[0] * dx + u[1] * dy + u[2] * dz)) ** 2
+        for k in range(rows, 3):
+            along = cell[AXES + 3 * k] * dx + cell[AXES + 3 * k + 1] * dy + cell[AXES + 3 * k + 2] * dz
+            beyond += (cell[SCALE + k] * along) ** 2
         if beyond > _BEYOND:
             continue
         rx, ry, rz = x - ox, y - oy, z - oz
         range2 = rx * rx + ry * ry + rz * rz
         used = False
-        for k in range(rows[c]):
-            nx, ny, nz = axes[c, k, 0], axes[c, k, 1], axes[c, k, 2]
+        for k in range(rows):
+            nx, ny, nz = cell[AXES + 3 * k], cell[AXES + 3 * k + 1], cell[AXES + 3 * k + 2]
             r = nx * dx + ny * dy + nz * dz
             # a range errs along its ray, its direction across it
             along2 = (nx * rx + ny * ry + nz * rz) ** 2
-            alone2 = variance[c] + range_variance * along2 / range2 + beam_variance * (range2 - along2)
-            shape2 = alone2 * (1.0 + beyond) / count[c]
+            alone2 = cell[VARIANCE] + range_variance * along2 / range2 + beam_variance * (range2 - along2)
+            shape2 = alone2 * (1.0 + beyond) / cell[COUNT]
             sigma2 = alone2 + shape2
             if r * r > gate * gate * sigma2:
                 continue
@@ -346,7 +350,7 @@ def point_to_shape(
     for k in range(shapes):
         c = met[k]
         mark[c] = 0
-        _add_leaning(c, pulls[2 * k, 7] + pulls[2 * k + 1, 7], R, p, count, mean, rows, axes, scale, variance, h, C)
+        _add_leaning(cells[c], pulls[2 * k, 7] + pulls[2 * k + 1, 7], R, p, h, C)
     for row in range(6):
         for column in range(row):
             A[row, column] = A[column, row]

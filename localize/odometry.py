@@ -299,17 +299,14 @@ class Odometry:
         first = max(0, bisect.bisect_right(self._imu_stamps, begin_ns) - 1)
         last = bisect.bisect_left(self._imu_stamps, end_ns)
         samples = self._imu[first : last + 1]
-        stamps = np.array([sample.stamp_ns for sample in samples], np.int64)
-        gyro, accel = np.array([s.gyro for s in samples]), np.array([s.accel for s in samples])
-        inside = stamps[(stamps > begin_ns) & (stamps < end_ns)]
-        at = np.concatenate([[begin_ns], inside, [end_ns]]).astype(np.int64)
-        t, x = (stamps - stamps[0]) * 1e-9, (at - stamps[0]) * 1e-9
+        stamps = np.array(self._imu_stamps[first : last + 1], np.int64)
+        values = np.hstack([np.array([s.gyro for s in samples]), np.array([s.accel for s in samples])])
+        inside = (stamps > begin_ns) & (stamps < end_ns)
+        ends = [_at(stamp_ns, stamps, values)[None] for stamp_ns in (begin_ns, end_ns)]
+        values = np.concatenate([ends[0], values[inside], ends[1]])
+        at = np.concatenate([[begin_ns], stamps[inside], [end_ns]]).astype(np.int64)
         turning, falling = self._earth_felt()
-        track = self.filter.predict(
-            at,
-            np.stack([np.interp(x, t, gyro[:, axis]) for axis in range(3)], axis=-1) - turning,
-            np.stack([np.interp(x, t, accel[:, axis]) for axis in range(3)], axis=-1) - falling,
-        )
+        track = self.filter.predict(at, values[:, :3] - turning, values[:, 3:] - falling)
         del self._imu[:first], self._imu_stamps[:first]
         return track
 
@@ -318,3 +315,12 @@ class Odometry:
         state = self.filter.state
         rate = self.earth.rate_in_odom(-state.g / np.linalg.norm(state.g), state.T_map_odom)
         return state.R.T @ rate, state.R.T @ np.cross(2.0 * rate, state.v)
+
+
+def _at(stamp_ns: int, stamps: NDArray[np.int64], values: Array) -> Array:
+    """The row of ``values`` (n, k) at a time between their ``stamps`` (n,), interpolated; beyond them the nearest."""
+    after = int(np.searchsorted(stamps, stamp_ns))
+    if after == 0 or after == len(stamps):
+        return np.asarray(values[max(after - 1, 0)])
+    share = (stamp_ns - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
+    return np.asarray(values[after - 1] + share * (values[after] - values[after - 1]))

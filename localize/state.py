@@ -117,13 +117,10 @@ class NavState:
         Both have the same tail.
         """
         delta = np.zeros(self.dim)
-        pairs = zip(_POSES, self._poses(), other._poses(), strict=True)
-        columns, mine, others = zip(*((c, T, T_other) for c, T, T_other in pairs if T is not T_other), strict=True)
-        # one call for all that moved: this runs in every iteration of every update
-        T, T_other = np.stack(mine), np.stack(others)
-        turns = so3_log(np.swapaxes(T_other[:, :3, :3], 1, 2) @ T[:, :3, :3])
-        for pose, turn, step in zip(columns, turns, (T - T_other)[:, :3, 3], strict=True):
-            delta[pose] = np.concatenate([turn, step])
+        for pose, T, T_other in zip(_POSES, self._poses(), other._poses(), strict=True):
+            if T is not T_other:
+                delta[pose.start : pose.start + 3] = so3_log(T_other[:3, :3].T @ T[:3, :3])
+                delta[pose.start + 3 : pose.stop] = T[:3, 3] - T_other[:3, 3]
         delta[VELOCITY] = self.v - other.v
         delta[GYRO_BIAS] = self.gyro_bias - other.gyro_bias
         delta[ACCEL_BIAS] = self.accel_bias - other.accel_bias

@@ -13,8 +13,7 @@ from localize._numba_voxels import EMPTY, downsample, insert, point_to_shape, re
 from semmap.geometry import Array
 
 _MIN_POINTS = 6
-_COLUMNS = ("_count", "_mean", "_scatter", "_rows", "_axes", "_scale", "_variance")
-"""What a voxel map keeps of each voxel."""
+_MEAN = slice(kernels.MEAN, kernels.MEAN + 3)
 
 
 class Shapes(IntEnum):
@@ -62,8 +61,7 @@ class VoxelMap:
 
     def __init__(self, size: float, *, max_points: int, shapes: Shapes = Shapes.PLANES) -> None:
         self.size, self.max_points, self.shapes = size, max_points, shapes
-        self._keys = np.full(1 << 16, EMPTY, np.int64)
-        self._cells = np.zeros(1 << 16, np.int64)
+        self._table = np.full((1 << 16, 2), EMPTY, np.int64)
         self._allocate(1 << 15)
         self._used = 0
 
@@ -71,10 +69,7 @@ class VoxelMap:
         return self._used
 
     def _allocate(self, capacity: int) -> None:
-        self._count, self._rows = np.zeros(capacity, np.int64), np.zeros(capacity, np.int64)
-        self._mean, self._scale = np.zeros((capacity, 3)), np.zeros((capacity, 3))
-        self._scatter, self._axes = np.zeros((capacity, 6)), np.zeros((capacity, 3, 3))
-        self._variance = np.zeros(capacity)
+        self._cells = np.zeros((capacity, kernels.CELL))
         self._added, self._hit = np.zeros(capacity, np.int64), np.empty(capacity, np.int64)
 
     def insert(self, points: Array) -> float:
@@ -82,54 +77,53 @@ class VoxelMap:
         voxel's points that came with this call, in the mean over the voxels with a shape that were hit."""
         self._make_room(len(points))
         self._used, share = insert(
-            points, 1.0 / self.size, self.max_points, _MIN_POINTS, int(self.shapes), self._keys, self._cells,
-            self._used, self._count, self._mean, self._scatter, self._rows, self._axes, self._scale, self._variance,
-            self._added, self._hit,
+            points, 1.0 / self.size, self.max_points, _MIN_POINTS, int(self.shapes), self._table, self._cells,
+            self._used, self._added, self._hit,
         )  # fmt: skip
         return float(share)
 
     def _make_room(self, n: int) -> None:
-        capacity = len(self._count)
+        capacity = len(self._cells)
         while self._used + n > capacity:
             capacity *= 2
-        if capacity > len(self._count):
-            old = {name: getattr(self, name) for name in _COLUMNS}
+        if capacity > len(self._cells):
+            old = self._cells
             self._allocate(capacity)
-            for name, column in old.items():
-                getattr(self, name)[: self._used] = column[: self._used]
-        table = len(self._keys)
-        while 2 * (self._used + n) > table:
-            table *= 2
-        if table > len(self._keys):
-            keys, cells = np.full(table, EMPTY, np.int64), np.zeros(table, np.int64)
-            rehash(self._keys, self._cells, keys, cells)
-            self._keys, self._cells = keys, cells
+            self._cells[: self._used] = old[: self._used]
+        slots = len(self._table)
+        while 2 * (self._used + n) > slots:
+            slots *= 2
+        if slots > len(self._table):
+            old_table, self._table = self._table, np.full((slots, 2), EMPTY, np.int64)
+            rehash(old_table, self._table)
 
     def forget_far(self, centre: Array, limit: int) -> None:
         """Where there are more than ``limit`` voxels, keep the half of them nearest to ``centre`` (3,) in the map."""
         if self._used <= limit:
             return
-        away2 = np.sum((self._mean[: self._used] - centre) ** 2, axis=1)
+        away2 = np.sum((self._cells[: self._used, _MEAN] - centre) ** 2, axis=1)
         kept = np.sort(np.argsort(away2, kind="stable")[: limit // 2])
-        filled = self._keys != EMPTY
+        filled = self._table[self._table[:, 0] != EMPTY]
         keys = np.empty(self._used, np.int64)
-        keys[self._cells[filled]] = self._keys[filled]
-        for name in _COLUMNS:
-            column = getattr(self, name)
-            column[: len(kept)] = column[kept]
+        keys[filled[:, 1]] = filled[:, 0]
+        self._cells[: len(kept)] = self._cells[kept]
         self._used = len(kept)
-        self._keys = np.full(len(self._keys), EMPTY, np.int64)
-        rehash(keys[kept], np.arange(len(kept)), self._keys, self._cells)
+        self._table = np.full_like(self._table, EMPTY)
+        rehash(np.column_stack([keys[kept], np.arange(len(kept))]), self._table)
 
     def planes(self) -> tuple[Array, Array, Array]:
         """Means (n, 3), unit normals (n, 3) and variances along them (n,) [m²] of the voxels that have a plane."""
-        has = np.flatnonzero(self._rows[: self._used] == 1)
-        return self._mean[has], self._axes[has, 0], self._variance[has]
+        cells = self._of_kind(1)
+        return cells[:, _MEAN], cells[:, kernels.AXES : kernels.AXES + 3], cells[:, kernels.VARIANCE]
 
     def edges(self) -> tuple[Array, Array]:
         """Means (n, 3) and unit directions (n, 3) of the voxels that have an edge."""
-        has = np.flatnonzero(self._rows[: self._used] == 2)
-        return self._mean[has], self._axes[has, 2]
+        cells = self._of_kind(2)
+        return cells[:, _MEAN], cells[:, kernels.AXES + 6 : kernels.AXES + 9]
+
+    def _of_kind(self, rows: int) -> Array:
+        cells = self._cells[: self._used]
+        return np.asarray(cells[cells[:, kernels.ROWS] == rows])
 
     def match(
         self, points: Array, T_map_imu: Array, T_imu_lidar: Array, *, noise: RangeNoise, gate: float
@@ -141,9 +135,8 @@ class VoxelMap:
             points,
             np.ascontiguousarray(T_map_imu[:3, :3]), np.ascontiguousarray(T_map_imu[:3, 3]),
             np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3]),
-            self.size, self._keys, self._cells, self._count, self._mean, self._rows, self._axes, self._scale,
-            self._variance, noise.along, noise.across, gate, self._added, np.empty(len(points), np.int64),
-            np.empty((2 * len(points), 8)), A, b, B, C, residuals, sigmas,
+            self.size, self._table, self._cells, noise.along, noise.across, gate, self._added,
+            np.empty(len(points), np.int64), np.empty((2 * len(points), 8)), A, b, B, C, residuals, sigmas,
         )  # fmt: skip
         return ShapeMatch(A, b, B, C, residuals, sigmas, int(matched))
 
@@ -153,7 +146,7 @@ def voxel_means(points: Array | NDArray[np.float32], size: float) -> Array:
     table = 1 << max(8, int(np.ceil(np.log2(2 * max(len(points), 1)))))
     out = np.empty((len(points), 3))
     m = downsample(
-        np.ascontiguousarray(points, np.float64), 1.0 / size, np.empty(table, np.int64), np.empty(table, np.int64),
+        np.ascontiguousarray(points, np.float64), 1.0 / size, np.empty((table, 2), np.int64),
         np.empty(len(points), np.int64), out,
     )  # fmt: skip
     return out[:m]

@@ -64,6 +64,8 @@ def _one_so3_exp(x: float, y: float, z: float) -> Array:
 def so3_log(R: ArrayLike) -> Array:
     """Rotation vector [rad], angle in [0, pi], of a rotation matrix; (..., 3, 3) -> (..., 3)."""
     R = np.asarray(R, dtype=np.float64)
+    if R.ndim == 2:
+        return _one_so3_log(R)
     axis = 0.5 * np.stack(
         [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
     )
@@ -74,6 +76,17 @@ def so3_log(R: ArrayLike) -> Array:
         )
     flat = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
     return np.asarray(flat).reshape(R.shape[:-1])
+
+
+def _one_so3_log(R: Array) -> Array:
+    """The same for one matrix (3, 3), small turns in plain numbers."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    x, y, z = 0.5 * (h - f), 0.5 * (c - g), 0.5 * (d - b)
+    sine2 = x * x + y * y + z * z
+    if sine2 >= _SMALL_SINE * _SMALL_SINE or a + e + i <= 1.0:
+        return np.asarray(Rotation.from_matrix(R).as_rotvec())
+    k = 1.0 + sine2 * (1.0 / 6.0 + sine2 * (3.0 / 40.0 + sine2 * 5.0 / 112.0))
+    return np.array([k * x, k * y, k * z])
 
 
 def so3_left_jacobian(theta: ArrayLike) -> Array:
@@ -92,6 +105,10 @@ def so3_left_jacobian(theta: ArrayLike) -> Array:
 def se3(R: ArrayLike, p: ArrayLike) -> Array:
     """Transform (..., 4, 4) from rotation (..., 3, 3) and translation (..., 3)."""
     R, p = np.asarray(R, dtype=np.float64), np.asarray(p, dtype=np.float64)
+    if R.ndim == 2 and p.ndim == 1:
+        T = np.zeros((4, 4))
+        T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
+        return T
     T = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))
     T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1.0
     return T
@@ -100,6 +117,8 @@ def se3(R: ArrayLike, p: ArrayLike) -> Array:
 def inverse(T: ArrayLike) -> Array:
     """Inverse of rigid transforms (..., 4, 4)."""
     T = np.asarray(T, dtype=np.float64)
+    if T.ndim == 2:
+        return se3(T[:3, :3].T, -(T[:3, 3] @ T[:3, :3]))
     R_t = np.swapaxes(T[..., :3, :3], -1, -2)
     return se3(R_t, -(R_t @ T[..., :3, 3:])[..., 0])
 
