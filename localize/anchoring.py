@@ -17,6 +17,8 @@ _STARTS = 12
 _HUBER = 1.5
 _BAD_PART = 0.3
 """More outliers than this and the solution is not believed."""
+_FITS = 3
+"""Fits of fixes, each without those that the one before did not explain."""
 _SAME_M = 0.5
 _SAME_COS = 0.98
 """Solutions closer than this, at the track's middle and by the cosine of the headings' difference, are one."""
@@ -35,20 +37,32 @@ class Alignment:
         return self.yaw_std < yaw_std and self.position_std < position_std
 
 
-def align_fixes(p_level: Array, p_map: Array, std: float) -> Alignment | None:
-    """Heading and translation from points (n, 3) known in both frames; None where they do not fit one another."""
+def align_fixes(p_level: Array, p_map: Array, std: float, odometry_std: float = 0.0) -> Alignment | None:
+    """Heading and translation from points (n, 3) known in both frames; None where they do not fit one another.
+
+    std : of a fix [m]. odometry_std : of the odometry over the stretch, by its own account [m].
+    """
     if len(p_level) < 3:
         return None
-    a, b = p_level - p_level.mean(axis=0), p_map - p_map.mean(axis=0)
-    spread = float(np.sum(a[:, :2] ** 2))
-    R = yaw_rotation(_turn_between(a, b))
-    residual = b - a @ R.T
-    # odometry's own error over the stretch comes on top of the instrument's
-    noise = std + 0.005 * np.sqrt(spread / len(a))
-    if np.median(np.linalg.norm(residual, axis=1)) > 4.0 * noise or spread == 0.0:
-        return None
+    for _ in range(_FITS):
+        a, b = p_level - p_level.mean(axis=0), p_map - p_map.mean(axis=0)
+        spread = float(np.sum(a[:, :2] ** 2))
+        R = yaw_rotation(_turn_between(a, b))
+        off = np.linalg.norm(b - a @ R.T, axis=1)
+        # odometry's own error over the stretch comes on top of the instrument's
+        noise = std + odometry_std + 0.005 * np.sqrt(spread / len(a))
+        if np.median(off) > 4.0 * noise or spread == 0.0:
+            return None
+        # something else that shines
+        good = off <= 4.0 * max(noise, float(np.median(off)))
+        if good.all():
+            break
+        p_level, p_map = p_level[good], p_map[good]
     T = se3(R, p_map.mean(axis=0) - R @ p_level.mean(axis=0))
-    return Alignment(T, noise / np.sqrt(spread), noise / np.sqrt(len(a)))
+    # the fixes' noise averages out, odometry's error is one over the stretch
+    each, all_alike = std + 0.005 * np.sqrt(spread / len(a)), odometry_std
+    yaw_std = (each + all_alike * np.sqrt(len(a))) / np.sqrt(spread)
+    return Alignment(T, float(yaw_std), float(each / np.sqrt(len(a)) + all_alike))
 
 
 def align_ranges(

@@ -12,6 +12,8 @@ from semmap.geometry import Array, adjoint, inverse
 
 _VAGUE_RAD, _VAGUE_M = 0.5, 30.0
 _ANY_TURN_RAD = 10.0
+_SHARED = 5.0
+"""Keyframes share the error of the vertical: each counts as if it were so many times as large."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,7 @@ class PoseGraph:
         self.pins = 0
         self._T_odom: list[Array] = []
         self._up_imu: list[Array] = []
+        self._up_std: list[float] = []
         self._links: list[_RelativePose] = []
         self._isam: gtsam.ISAM2 | None = None
         self._new = gtsam.NonlinearFactorGraph()
@@ -52,12 +55,16 @@ class PoseGraph:
     def __len__(self) -> int:
         return len(self._T_odom)
 
-    def add_keyframe(self, T_odom_imu: Array, up_odom: Array, T_before_imu: Array, covariance: Array) -> None:
+    def add_keyframe(
+        self, T_odom_imu: Array, up_odom: Array, T_before_imu: Array, covariance: Array, up_std: float = np.inf
+    ) -> None:
         """The next keyframe: its pose, the direction against gravity, and its pose relative to the keyframe before.
 
+        ``up_std`` [rad] is how well the direction is known.
         ``covariance`` (6, 6) is that of the relative pose; the first keyframe's is not used.
         """
         self._up_imu.append(T_odom_imu[:3, :3].T @ up_odom)
+        self._up_std.append(min(self.settings.vertical_std, _SHARED * up_std))
         if self._T_odom:
             link = _RelativePose(T_before_imu, covariance)
             self._links.append(link)
@@ -102,7 +109,7 @@ class PoseGraph:
 
     def _insert_vertical(self, index: int) -> None:
         """Gravity as the filter knows it holds roll and pitch where pins are far, or are ranges only."""
-        noise = gtsam.noiseModel.Isotropic.Sigma(2, self.settings.vertical_std)
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, self._up_std[index])
         up_imu, up_map = gtsam.Unit3(self._up_imu[index]), gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
         self._new.add(gtsam.AttitudeFactorPose3(_X(index), up_map, noise, up_imu))
 
@@ -138,6 +145,15 @@ class PoseGraph:
             self._new.add(gtsam.PriorFactorPose3(key, T, surveyed))
             self._values.insert(key, T)
         return key
+
+    def pin_heading(self, index: int, T_map_imu: Array, std: float) -> None:
+        """The heading of keyframe ``index`` is that of ``T_map_imu``, but for ``std`` [rad]; all else is open."""
+        R = T_map_imu[:3, :3]
+        covariance = np.diag(np.repeat([_VAGUE_RAD**2, _VAGUE_M**2], 3))
+        covariance[:3, :3] = R.T @ np.diag([_VAGUE_RAD**2, _VAGUE_RAD**2, std**2]) @ R
+        noise = self._robust(gtsam.noiseModel.Gaussian.Covariance(covariance))
+        self._new.add(gtsam.PriorFactorPose3(_X(index), gtsam.Pose3(T_map_imu), noise))
+        self.pins += 1
 
     def pin_position(self, index: int, p_imu: Array, p_map: Array, covariance: Array) -> None:
         """Point ``p_imu`` of keyframe ``index`` is at ``p_map`` (paper 004 Eq. 22 with the point as lever arm)."""

@@ -18,11 +18,12 @@ from localize.legs import Leg, joined, trajectory
 from localize.links import LinkCovariances
 from localize.matcher import Expected, IntersectionMatcher, Place, Sight
 from localize.odometry import OdometryPose
+from localize.prism import PrismPosition
 from localize.ranging import Ranging
 from localize.recognition import Recognition, Verdict
 from localize.results import Event, LocalizationResult, State, Update
 from localize.settings import LocalizeSettings
-from localize.sightings import Sighting, Sightings
+from localize.sightings import Sighting, Sightings, align_standing
 from localize.start import StartingOdometry
 from localize.watch import ModeWatch
 from semmap.geometry import Array, inverse, rotation_between, se3, transform
@@ -53,7 +54,9 @@ class Localizer:
     UWB range       one of an anchor in     the others, those of a moment as one; one in
                     half a second, once     half a second until then (they align odom
                     the map is known        with the map)
-    prism fix       -                       position with lever arm
+    prism fix       one in half a second,   the others, likewise; where the machine
+                    once the map is known;  knows north standing, its heading
+                    until then: it stands
     intersection    -                       pose from ICP to the database's cloud
     ==============  ======================  ==========================================
     """
@@ -99,8 +102,10 @@ class Localizer:
 
     def add(self, measurement: Measurement) -> Update | None:
         """Take one measurement in, in order of arrival; returns an update when a scan was completed by it."""
-        if isinstance(measurement, UwbRange | PrismFix) and not self._sightings.add(measurement):
+        if isinstance(measurement, UwbRange | PrismFix) and not self._is_odometrys(measurement):
             return None
+        if isinstance(measurement, PrismFix):
+            measurement = PrismFix(measurement.stamp_ns, measurement.p_map - self._shift)
         if isinstance(measurement, ImuSample):
             silence_s = self._breaks.silence_s(measurement.stamp_ns)
             if silence_s:
@@ -112,6 +117,18 @@ class Localizer:
                 break
             update = self._reached(pose)
         return update
+
+    @property
+    def scans(self) -> int:
+        """Poses that became known so far."""
+        return self._counts["scans"]
+
+    def _is_odometrys(self, measurement: UwbRange | PrismFix) -> bool:
+        """Whether the filter takes it too: its share of them; and any fix while nobody knows where odom lies, which
+        then tells it whether the machine stands."""
+        shared = self._sightings.shared
+        its_turn = self._sightings.add(measurement)
+        return its_turn or (isinstance(measurement, PrismFix) and self.rig.total_station is not None and not shared)
 
     def _begin_again(self, stamp_ns: int, why: str) -> None:
         """The odometry has broken off: a new leg, wherever the robot is."""
@@ -160,7 +177,8 @@ class Localizer:
 
     def _begin_leg(self) -> None:
         """The odometry begins anew, wherever the robot is."""
-        self._odometry = StartingOdometry(self.rig, self.settings.odometry, self.settings.keyframes)
+        s = self.settings
+        self._odometry = StartingOdometry(self.rig, s.odometry, s.keyframes, denoise=s.denoise, prism=s.prism)
         self._sightings = Sightings(self.rig, self.settings.sightings, self._shift)
         self._keyframes.forget()
         self._at, self._judged = None, -1
@@ -183,10 +201,12 @@ class Localizer:
         if self._beside is not None:
             self._judge(self._beside.due(self._counts["scans"]))
         self._note_ranges()
+        self._note_fixes()
         self._take_sightings(pose)
+        self._anchor_standing(pose)
         if self._pins_dirty:
             self._solve()
-            self._share_ranges()
+            self._share_place()
         self._note_mode(pose)
         update = self._publish(pose)
         self._watch.note_uncertainty(pose, update)
@@ -194,7 +214,9 @@ class Localizer:
 
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
         keyframe = self._keyframes.add(pose)
-        self._graph.add_keyframe(keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._links.of(pose))
+        self._graph.add_keyframe(
+            keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._links.of(pose), pose.up_std
+        )
         self._links.keyframe(pose)
         self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
         unmoved = self._leg.unmoved
@@ -276,38 +298,66 @@ class Localizer:
             self._recognised.add(pin.intersection)
             self._counts["pins"] += 1
         self._solve()
-        self._share_ranges()
+        self._share_place()
 
     def _take_sightings(self, pose: OdometryPose) -> None:
-        since = np.eye(4) if pose.keyframe else pose.T_keyframe_imu
-        sightings = self._sightings.reached(pose.stamp_ns, self._leg.unmoved[-1] @ since)
+        sightings = self._sightings.reached(pose.stamp_ns, self._unmoved(pose))
         if not sightings or self._newest is None:
             return
         if self._graph.anchored:
             for sighting in sightings:
-                self._pin_sighting(sighting)
+                self._pin_sighting(sighting, pose)
             return
         R_level_odom = rotation_between(self._newest.up_odom, _UP)
-        alignment = self._sightings.align(R_level_odom)
+        alignment = self._sightings.align(R_level_odom, pose.position_std)
         if alignment is not None:
             self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, "ranges and fixes")
             for sighting in self._sightings.kept:
-                self._pin_sighting(sighting, gate=False)
-            self._solve()
-            self._share_ranges()
-            self._set_state("tracking", pose.stamp_ns, "aligned by ranges and fixes")
+                self._pin_sighting(sighting, None)
+            self._found(pose, "ranges and fixes")
 
-    def _share_ranges(self) -> None:
-        """Tell the filter where odom lies, once: from then on it takes its part of the ranges.
+    def _anchor_standing(self, pose: OdometryPose) -> None:
+        """A machine that stands in sight of the total station and knows north (paper 002, static initialization)."""
+        engine, standing = self._odometry.odometry, self._odometry.standing
+        found = standing.alignment() if standing is not None else None
+        if engine is None or standing is None or found is None or self._graph.anchored:
+            return
+        if not pose.keyframe:
+            # a place to pin what is known now, however far odometry has slid meanwhile
+            engine.keyframe_due = True
+            return
+        fixes = self._sightings.of_standing(standing.since_ns)
+        if fixes is None:
+            return
+        R_level_odom = rotation_between(-pose.state.g, _UP)
+        here = replace(fixes[1], p_odom=transform(pose.T_odom_imu, standing.p_imu_prism[None])[0])
+        alignment = align_standing(found, here, pose.T_odom_imu, R_level_odom)
+        newest, by = len(self._graph) - 1, "earth rate and fixes"
+        self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, by)
+        self._graph.pin_heading(newest, self._graph.pose(newest), found.heading_std)
+        first = max(0, int(np.searchsorted([stamp for stamp, _ in self._keyframe_track], standing.since_ns)))
+        for index, fix in ((min(first, newest), fixes[0]), (newest, fixes[1])):
+            variance = fix.std**2 + self.settings.graph.drift_position**2
+            self._graph.pin_position(index, standing.p_imu_prism, fix.p_map, variance * np.eye(3))
+        self._found(pose, by)
+
+    def _found(self, pose: OdometryPose, by: str) -> None:
+        self._solve()
+        self._share_place()
+        self._set_state("tracking", pose.stamp_ns, f"aligned by {by}")
+
+    def _share_place(self) -> None:
+        """Tell the filter where odom lies, once: from then on it takes its part of ranges and fixes.
 
         It is told the graph's place at the last keyframe with twice its deviations. What the place was found by is
         counted in the graph; the filter needs it to begin with, and soon knows better by itself.
         """
         uwb, engine = self.rig.uwb, self._odometry.odometry
-        if uwb is None or engine is None or self._at is None or self._sightings.shared:
+        total_station = self.rig.total_station
+        if (uwb is None and total_station is None) or engine is None or self._at is None or self._sightings.shared:
             return
         turned = np.kron(np.eye(2), self._at.T_map_imu[:3, :3])
-        ranging = Ranging(uwb, self._sightings.anchors, self.settings.ranges)
+        ranging = Ranging(uwb, self._sightings.anchors, self.settings.ranges) if uwb is not None else None
         engine.locate(self._T_map_odom(), 4.0 * turned @ self._at.covariance @ turned.T, ranging)
         self._sightings.shared = True
 
@@ -325,6 +375,17 @@ class Localizer:
         engine.judged.clear()
         self._note_anchors(engine.ranging, engine.filter.stamp_ns)
 
+    def _note_fixes(self) -> None:
+        """What the filter thought of the fixes it was given."""
+        engine = self._odometry.odometry
+        for fix, outcome in engine.fixed if engine is not None else []:
+            if outcome.used:
+                self._watch.fitted("prism", None, fix.stamp_ns)
+            else:
+                self._event(fix.stamp_ns, "prism_refused", anchor=None, off_m=outcome.off_m)
+        if engine is not None:
+            engine.fixed.clear()
+
     def _note_anchors(self, ranging: Ranging, stamp_ns: int) -> None:
         """Anchors that became blocked, fell silent, or are heard again."""
         for kind, now in (("blocked", ranging.check.blocked), ("silent", ranging.check.silent(stamp_ns))):
@@ -336,19 +397,19 @@ class Localizer:
             self._event(stamp_ns, "ranges_contradict")
             self._counts["range_doubts"] = ranging.doubts
 
-    def _pin_sighting(self, sighting: Sighting, *, gate: bool = True) -> None:
-        """A range or fix as a factor on the keyframe before it, if it fits what is known (paper 000)."""
-        stamps = [stamp for stamp, _ in self._keyframe_track]
-        index = max(0, int(np.searchsorted(stamps, sighting.stamp_ns, side="right")) - 1)
-        p_imu = transform(inverse(self._leg.unmoved[index]), sighting.p_odom[None])[0]
+    def _pin_sighting(self, sighting: Sighting, pose: OdometryPose | None) -> None:
+        """A range or fix as a factor on the keyframe before it; with the ``pose`` it came by, if it fits."""
+        index, p_imu, way = self._from_keyframe(sighting, pose)
         predicted = transform(self._graph.pose(index), p_imu[None])[0]
         error = predicted - sighting.p_map
         distance = self._true_distance(sighting)
-        off = abs(np.linalg.norm(error) - distance)
-        s = self.settings.ranges
-        std = float(np.hypot(sighting.std, self._at.position_std if self._at is not None else 0.0))
-        if gate and off > max(s.min_gate, s.max_innovation * std):
-            kind = "prism" if sighting.anchor is None else "range"
+        off = abs(float(np.linalg.norm(error)) - distance)
+        s, kind = self.settings.ranges, "prism" if sighting.anchor is None else "range"
+        std, least = float(np.hypot(sighting.std, self._at.position_std if self._at is not None else 0.0)), s.min_gate
+        if sighting.anchor is None:
+            least, std = s.min_prism_gate, float(np.hypot(std, np.sqrt(np.trace(way))))
+            off, std = self._off_filter(sighting, pose, off, std)
+        if pose is not None and off > max(least, s.max_innovation * std):
             self._event(sighting.stamp_ns, f"{kind}_refused", anchor=sighting.anchor, off_m=float(off))
             return
         if sighting.anchor in self._anchors_that_are["blocked"]:
@@ -356,13 +417,42 @@ class Localizer:
             return
         if sighting.anchor is None:
             variance = sighting.std**2 * sighting.alike + self.settings.graph.drift_position**2
-            self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3))
+            R = self._graph.pose(index)[:3, :3]
+            self._graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3) + R @ way @ R.T)
         else:
             noise = sighting.std * np.sqrt(sighting.alike)
             self._graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, distance, noise)
         self._watch.fitted("prism" if sighting.anchor is None else "uwb", sighting.anchor, sighting.stamp_ns)
         self._counts["pins"] += 1
         self._pins_dirty = True
+
+    def _off_filter(self, fix: Sighting, pose: OdometryPose | None, off: float, std: float) -> tuple[float, float]:
+        """How far a fix is off where the filter has the prism, and how well it knows that; it knows better than the
+        graph, which may have begun with a wrong heading."""
+        engine, station = self._odometry.odometry, self.rig.total_station
+        if pose is None or engine is None or station is None or engine.filter.state.T_map_odom is None:
+            return off, std
+        T_map_unmoved = engine.filter.state.T_map_odom @ pose.T_odom_imu @ inverse(self._unmoved(pose))
+        predicted = transform(T_map_unmoved, fix.p_odom[None])[0]
+        model = PrismPosition(fix.p_map, np.array(station.p_imu_prism), fix.std)
+        off = float(np.linalg.norm(predicted - fix.p_map))
+        return off, float(np.hypot(fix.std, model.predicted_std(engine.filter)))
+
+    def _unmoved(self, pose: OdometryPose) -> Array:
+        """Pose (4, 4) of the newest scan in odom, had no range or fix ever moved it."""
+        newest = self._leg.unmoved[-1]
+        return newest if pose.keyframe else newest @ pose.T_keyframe_imu
+
+    def _from_keyframe(self, sighting: Sighting, pose: OdometryPose | None) -> tuple[int, Array, Array]:
+        """The keyframe before a sighting, the sighted point (3,) in its axes, and what the way from there is off by:
+        (3, 3), for a fix that came with the newest scan."""
+        stamps = [stamp for stamp, _ in self._keyframe_track]
+        index = max(0, int(np.searchsorted(stamps, sighting.stamp_ns, side="right")) - 1)
+        p_imu = transform(inverse(self._leg.unmoved[index]), sighting.p_odom[None])[0]
+        if pose is None or sighting.anchor is not None or index != len(stamps) - 1 - pose.keyframe:
+            return index, p_imu, np.zeros((3, 3))
+        R = pose.T_keyframe_imu[:3, :3]
+        return index, p_imu, R @ pose.since_keyframe[3:, 3:] @ R.T
 
     def _true_distance(self, sighting: Sighting) -> float:
         """As the filter has come to know the radios."""

@@ -8,22 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from localize.dust import Air
+from localize.earth import Earth
 from localize.filter import ErrorStateFilter, InertialTrack, joined
 from localize.local_map import LocalMap, ScanMatch
+from localize.prism import FixOutcome, PrismFusion, without_earth_rate
 from localize.range_check import Verdict
 from localize.ranging import Ranging
-from localize.settings import KeyframeSettings, OdometrySettings
+from localize.settings import KeyframeSettings, OdometrySettings, PrismSettings
 from localize.slip import WheelFusion
-from localize.state import NavState
+from localize.state import GRAVITY, POSITION, ROTATION, NavState
 from localize.uwb import Vertical
-from semmap.geometry import Array, inverse, rotation_angle, transform
-from semmap.measurements import ImuSample, Measurement, Scan, UwbRange, WheelSpeed
+from semmap.geometry import Array, inverse, rotation_angle, skew, transform
+from semmap.measurements import ImuSample, Measurement, PrismFix, Scan, UwbRange, WheelSpeed
 from semmap.rig import Rig
 
 _TICK_NS = 100_000_000
 """Without a LiDAR poses come at this interval."""
-_VERTICAL_STD = 0.002
-"""How well the axes of the map stand upright [rad]."""
+_VERTICAL_STD, _LEVELLED_STD = 0.002, 0.0002
+"""How well the axes of the map stand upright [rad], and those of a total station, which levels itself."""
 _GAP_NS = 50_000_000
 """A hole in the IMU's stamps longer than this is counted in ``gaps``; the rates are interpolated across it."""
 
@@ -40,6 +43,7 @@ class OdometryPose:
     T_keyframe_imu : (4, 4) pose relative to the last keyframe; where ranges came in between, as now known of both.
     since_keyframe : (6, 6) covariance of that, rotation first, right perturbation.
     scan_information : (6, 6) what the scan alone says of the pose, None without one (see `ScanMatch`).
+    dust : share of the scan's near points that lie in dust, see `localize.dust`.
     """
 
     stamp_ns: int
@@ -52,11 +56,30 @@ class OdometryPose:
     T_keyframe_imu: Array
     since_keyframe: Array
     scan_information: Array | None
+    dust: float = 0.0
 
     @property
     def T_odom_imu(self) -> Array:
         """Pose (4, 4)."""
         return self.state.T_odom_imu
+
+    @property
+    def position_std(self) -> float:
+        """How well the filter knows the position in odom, per axis on average [m]."""
+        return float(np.sqrt(np.trace(self.covariance[POSITION, POSITION]) / 3.0))
+
+    @property
+    def up_imu(self) -> Array:
+        """Unit vector (3,) against gravity in the axes of the imu."""
+        return np.asarray(-self.state.R.T @ self.state.g / np.linalg.norm(self.state.g))
+
+    @property
+    def up_std(self) -> float:
+        """How well that is known [rad]."""
+        s, up, length = self.state, self.up_imu, np.linalg.norm(self.state.g)
+        J = np.hstack([skew(up), -(np.eye(3) - np.outer(up, up)) @ s.R.T / length])
+        columns = np.r_[ROTATION, GRAVITY]
+        return float(np.sqrt(0.5 * np.trace(J @ self.covariance[np.ix_(columns, columns)] @ J.T)))
 
     @property
     def points(self) -> NDArray[np.float32]:
@@ -72,7 +95,12 @@ class Odometry:
     """
 
     def __init__(
-        self, rig: Rig, settings: OdometrySettings, keyframes: KeyframeSettings, start: ErrorStateFilter
+        self,
+        rig: Rig,
+        settings: OdometrySettings,
+        keyframes: KeyframeSettings,
+        start: ErrorStateFilter,
+        prism: PrismSettings | None = None,
     ) -> None:
         self.rig, self.settings, self.keyframes, self.filter = rig, settings, keyframes, start
         self.map = LocalMap(rig.lidar, settings) if rig.lidar is not None else None
@@ -88,12 +116,23 @@ class Odometry:
         self.judged: list[tuple[UwbRange, Verdict]] = []
         self._ranges: list[UwbRange] = []
         self._ranged = False
+        self.earth = Earth.of(rig.earth)
+        self.prism = PrismFusion(rig.total_station, prism or PrismSettings()) if rig.total_station is not None else None
+        self.fixed: list[tuple[PrismFix, FixOutcome]] = []
+        self._fixes: list[PrismFix] = []
+        self.keyframe_due = False
 
-    def locate(self, T_map_odom: Array, covariance: Array, ranging: Ranging) -> None:
-        """From now on ranges are taken in; ``covariance`` (6, 6) of the robot's place in the map, in the map's axes."""
-        self.filter.locate(T_map_odom, covariance, range_scale_std=ranging.block.scale_std)
-        self.filter.update(Vertical(_VERTICAL_STD))
+    def locate(self, T_map_odom: Array, covariance: Array, ranging: Ranging | None) -> None:
+        """From now on ranges, and fixes as positions, are taken in.
+
+        covariance : (6, 6) of the robot's place in the map, in the map's axes.
+        """
+        self.filter.locate(T_map_odom, covariance, range_scale_std=ranging.block.scale_std if ranging else 0.0)
+        self.filter.update(Vertical(_VERTICAL_STD if self.prism is None else _LEVELLED_STD))
+        without_earth_rate(self.filter, self.earth, self.rig.imu.gyro_bias_std, float(np.sqrt(covariance[2, 2])))
         self.ranging = ranging
+        # those that still wait are the graph's
+        self._fixes.clear()
 
     def add(self, measurement: Measurement) -> list[OdometryPose]:
         """Take one measurement in; returns the poses that became known (usually none or one)."""
@@ -106,6 +145,9 @@ class Odometry:
             case UwbRange() if self.ranging is not None:
                 if self._in_time(measurement.stamp_ns, "range"):
                     bisect.insort(self._ranges, measurement, key=lambda m: m.stamp_ns)
+            case PrismFix() if self.prism is not None:
+                if self._in_time(measurement.stamp_ns, "prism"):
+                    bisect.insort(self._fixes, measurement, key=lambda m: m.stamp_ns)
             case Scan() if self.rig.lidar is not None:
                 if self._in_time(measurement.end_ns, "scan"):
                     bisect.insort(self._scans, measurement, key=lambda m: m.end_ns)
@@ -150,11 +192,15 @@ class Odometry:
         track = self._propagate(end_ns)
         deskewed = np.empty((0, 3))
         match = ScanMatch(0, 0, None)
+        dust = 0.0
         T_imu_lidar = self.filter.state.T_imu_lidar
         if scan is not None and self.map is not None:
             scan = scan.since(track.zero_ns - _TICK_NS // 2)
             sparse = scan.thinned(self.settings.scan_points)
             deskewed = track.deskew(sparse.points, sparse.offsets_ns, sparse.stamp_ns, T_imu_lidar)
+            air = Air(deskewed)
+            if air.dusty:
+                sparse, deskewed, dust = sparse.part(air.clear), deskewed[air.clear], air.dust
             surfaces = self.map.surfaces(sparse, deskewed)
             match = self.map.match(surfaces, self.filter)
             self.map.extend(surfaces, self.filter)
@@ -162,9 +208,10 @@ class Odometry:
         keyframe = self._keyframe_rule()
         if keyframe and scan is not None:
             deskewed = track.deskew(scan.points, scan.offsets_ns, scan.stamp_ns, T_imu_lidar)
+            deskewed = deskewed[Air(deskewed).clear] if dust else deskewed
         return OdometryPose(
             end_ns, self.filter.state.copy(), self.filter.P.copy(), deskewed, match.matched, match.considered, keyframe,
-            T_keyframe_imu, covariance, match.information,
+            T_keyframe_imu, covariance, match.information, dust,
         )  # fmt: skip
 
     def _since_keyframe(self) -> Array:
@@ -183,8 +230,9 @@ class Odometry:
         dT = inverse(s.T_odom_clone) @ s.T_odom_imu
         moved = np.linalg.norm(dT[:3, 3]) > self.keyframes.distance
         turned = rotation_angle(dT[:3, :3]) > self.keyframes.angle
-        if not (moved or turned or self._T_odom_keyframe is None):
+        if not (moved or turned or self.keyframe_due or self._T_odom_keyframe is None):
             return False
+        self.keyframe_due = False
         self._T_odom_keyframe, self._ranged = s.T_odom_imu, False
         self.filter.clone_pose()
         return True
@@ -193,13 +241,13 @@ class Odometry:
         tracks: list[InertialTrack] = []
         while self._wheel and self._wheel[0].stamp_ns <= end_ns:
             reading = self._mean_wheel_speed(end_ns)
-            self._take_ranges(reading.stamp_ns, tracks)
+            self._take_sightings(reading.stamp_ns, tracks)
             if reading.stamp_ns > self.filter.stamp_ns:
                 tracks.append(self._predict(reading.stamp_ns))
                 if self.wheel is not None:
                     gyro = tracks[-1].rate[-1] + self.filter.state.gyro_bias
                     self.wheel.take(reading, gyro, self.filter)
-        self._take_ranges(end_ns, tracks)
+        self._take_sightings(end_ns, tracks)
         if end_ns > self.filter.stamp_ns or not tracks:
             tracks.append(self._predict(end_ns))
         return joined(tracks)
@@ -214,19 +262,36 @@ class Odometry:
         later_ns = round(np.mean([reading.stamp_ns - first_ns for reading in readings]))
         return WheelSpeed(first_ns + later_ns, float(np.mean([reading.speed for reading in readings])))
 
-    def _take_ranges(self, until_ns: int, tracks: list[InertialTrack]) -> None:
-        """Ranges up to a time, each at its own, into the filter; ``tracks`` go on, and move along with the pose."""
-        while self.ranging is not None and self._ranges and self._ranges[0].stamp_ns <= until_ns:
-            reading = self._ranges.pop(0)
-            if reading.stamp_ns > self.filter.stamp_ns:
-                tracks.append(self._predict(reading.stamp_ns))
+    def _take_sightings(self, until_ns: int, tracks: list[InertialTrack]) -> None:
+        """Ranges and fixes up to a time, each at its own, into the filter; ``tracks`` go on, and move with the pose."""
+        while (sighting := self._next_sighting(until_ns)) is not None:
+            if sighting.stamp_ns > self.filter.stamp_ns:
+                tracks.append(self._predict(sighting.stamp_ns))
             before = inverse(self.filter.state.T_odom_imu)
-            verdict = self.ranging.take(reading, self.filter)
-            self.judged.append((reading, verdict))
-            if not verdict.refused:
+            if self._taken(sighting):
                 self._ranged = True
                 moved = self.filter.state.T_odom_imu @ before
                 tracks[:] = [track.moved(moved) for track in tracks]
+
+    def _next_sighting(self, until_ns: int) -> UwbRange | PrismFix | None:
+        waiting: list[list[UwbRange] | list[PrismFix]] = [one for one in (self._ranges, self._fixes) if one]
+        if not waiting:
+            return None
+        first = min(waiting, key=lambda one: one[0].stamp_ns)
+        return first.pop(0) if first[0].stamp_ns <= until_ns else None
+
+    def _taken(self, sighting: UwbRange | PrismFix) -> bool:
+        """Whether the filter took it as knowledge of the place."""
+        if isinstance(sighting, UwbRange):
+            assert self.ranging is not None
+            verdict = self.ranging.take(sighting, self.filter)
+            self.judged.append((sighting, verdict))
+            return not verdict.refused
+        assert self.prism is not None
+        outcome = self.prism.take(sighting, self.filter)
+        if outcome is not None:
+            self.fixed.append((sighting, outcome))
+        return outcome is not None and outcome.used
 
     def _predict(self, end_ns: int) -> InertialTrack:
         """Propagate from the filter's time to ``end_ns``, with the IMU interpolated at both ends."""
@@ -240,9 +305,16 @@ class Odometry:
         ends = [_at(stamp_ns, stamps, values)[None] for stamp_ns in (begin_ns, end_ns)]
         values = np.concatenate([ends[0], values[inside], ends[1]])
         at = np.concatenate([[begin_ns], stamps[inside], [end_ns]]).astype(np.int64)
-        track = self.filter.predict(at, np.ascontiguousarray(values[:, :3]), np.ascontiguousarray(values[:, 3:]))
+        turning, falling = self._earth_felt()
+        track = self.filter.predict(at, values[:, :3] - turning, values[:, 3:] - falling)
         del self._imu[:first], self._imu_stamps[:first]
         return track
+
+    def _earth_felt(self) -> tuple[Array, Array]:
+        """What the turning earth adds to rate [rad/s] and specific force [m/s²] (002, under Eq. 20), (3,) each."""
+        state = self.filter.state
+        rate = self.earth.rate_in_odom(-state.g / np.linalg.norm(state.g), state.T_map_odom)
+        return state.R.T @ rate, state.R.T @ np.cross(2.0 * rate, state.v)
 
 
 def _at(stamp_ns: int, stamps: NDArray[np.int64], values: Array) -> Array:

@@ -63,6 +63,40 @@ class OdometrySettings(Settings):
     extrinsics: ExtrinsicSettings = Field(default_factory=ExtrinsicSettings)
 
 
+class DenoiseSettings(Settings):
+    """The filter that takes engine vibration out of an IMU (`imu.engines` in the rig)."""
+
+    motion_hz: PositiveFloat = 2.0
+    """What is slower than this is motion and stays [Hz]."""
+    window_s: PositiveFloat = 8.0
+    """Recordings are sifted in windows of this length, half over half [s]."""
+    sifts: PositiveInt = 4
+    """Siftings of a mode."""
+    online_window_s: PositiveFloat = 3.0
+    """Online, what is sifted at a time [s]."""
+    online_step_s: PositiveFloat = 1.0
+    """Online, how often [s]; with `motion_hz` it makes the latency."""
+
+    @property
+    def margin_s(self) -> float:
+        """Half the slow part's window [s]: nearer than this to an end of the signal it is not known well."""
+        return 0.5 / self.motion_hz
+
+    @property
+    def latency_s(self) -> float:
+        """How old a sample is, at the most, when the online filter gives it back, less one sample [s]."""
+        return self.margin_s + self.online_step_s
+
+
+class PrismSettings(Settings):
+    """Prism fixes on their way into the filter."""
+
+    gate: PositiveFloat = 16.27
+    """A fix whose squared Mahalanobis distance is beyond this is refused (one of a thousand good ones)."""
+    contradicting: PositiveInt = 8
+    """So many refused fixes in a row that belong together say that the filter is wrong."""
+
+
 class KeyframeSettings(Settings):
     """When a scan becomes a keyframe (paper 004 Eq. 8, 9), and how many are stacked (Eq. 20)."""
 
@@ -179,7 +213,9 @@ class RangeSettings(Settings):
     max_innovation: PositiveFloat = 4.0
     """What is off by more sigmas than this is refused."""
     min_gate: PositiveFloat = 0.3
-    """What is off by less than this is not refused [m]."""
+    """A range off by less than this is not refused [m]."""
+    min_prism_gate: PositiveFloat = 0.02
+    """A prism fix off by less than this is not refused [m]."""
     huber_sigmas: PositiveFloat = 2.0
     """Beyond this many sigmas a range weighs less."""
     max_speed: PositiveFloat = 3.0
@@ -223,7 +259,7 @@ class GraphSettings(Settings):
     survey_rotation: PositiveFloat = 0.001
     """The same of how each is turned [rad]."""
     vertical_std: PositiveFloat = 0.03
-    """The filter's vertical at one keyframe [rad]; keyframes share its error, so one alone counts little."""
+    """The filter's vertical at one keyframe is known no worse than this [rad]."""
     anchor_std: PositiveFloat = 0.01
     """Survey of the UWB anchors [m]."""
     huber_sigmas: PositiveFloat = 1.5
@@ -233,6 +269,8 @@ class LocalizeSettings(Settings):
     """All of the online side."""
 
     odometry: OdometrySettings = Field(default_factory=OdometrySettings)
+    denoise: DenoiseSettings = Field(default_factory=DenoiseSettings)
+    prism: PrismSettings = Field(default_factory=PrismSettings)
     keyframes: KeyframeSettings = Field(default_factory=KeyframeSettings)
     matcher: MatcherSettings = Field(default_factory=MatcherSettings)
     verification: VerificationSettings = Field(default_factory=VerificationSettings)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from localize.anchoring import Alignment, align_fixes, align_ranges
 from localize.settings import SightingSettings
-from semmap.geometry import Array, interpolate_poses, transform
+from localize.static_alignment import StaticAlignment
+from semmap.geometry import Array, interpolate_poses, se3, transform, yaw_of, yaw_rotation
 from semmap.measurements import PrismFix, UwbRange
 from semmap.rig import Rig
 
-_NEW = 6
-"""Sightings, or a tenth of the last ones, after which the alignment is tried again."""
+_NEW, _FEW = 6, 12
+"""So many new sightings, or a tenth of the last ones, are worth another look; so few fixes may tell where odom lies."""
+_LATE = 5.0
+"""Intervals after which a fix is the first for a while."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +54,9 @@ class Sightings:
         self._sighted, self._tried = 0, 0
         self.unknown_anchors: set[int] = set()
         self.shared = False
-        """Whether the filter takes its part of the ranges."""
-        self._filters_last_ns: dict[int, int] = {}
-        self._graph_had: dict[int, bool] = {}
+        """Whether the filter takes its part of ranges and fixes."""
+        self._filters_last_ns: dict[int | None, int] = {}
+        self._graph_had: dict[int | None, bool] = {}
 
     @property
     def anchors(self) -> dict[int, Array]:
@@ -79,15 +82,20 @@ class Sightings:
         if not self.shared and 0.0 <= since_s < self.settings.interval_s:
             return False
         self._taken_ns[source] = measurement.stamp_ns
-        if source is not None and self.shared and self._is_filters_turn(source, measurement.stamp_ns):
+        if self.shared and self._is_filters_turn(source, measurement.stamp_ns):
             return True
         self._waiting.append((measurement, max(1.0, self.settings.interval_s / max(since_s, 1e-3))))
         return False
 
-    def _is_filters_turn(self, anchor: int, stamp_ns: int) -> bool:
-        """One reading of an anchor per interval, and every other one where they come more slowly than that."""
+    def _is_filters_turn(self, anchor: int | None, stamp_ns: int) -> bool:
+        """One reading of an anchor, or fix, per interval, and every other one where they come more slowly than that.
+
+        A fix after a while without any is the filter's: before it has that, the way since the keyframe is not known
+        well enough for a fix that is.
+        """
         since_ns = stamp_ns - self._filters_last_ns.get(anchor, -(1 << 62))
-        turn = since_ns >= self.settings.interval_s * 1e9 and self._graph_had.get(anchor, False)
+        late = anchor is None and since_ns > _LATE * self.settings.interval_s * 1e9
+        turn = late or (since_ns >= self.settings.interval_s * 1e9 and self._graph_had.get(anchor, False))
         self._graph_had[anchor] = not turn
         if turn:
             self._filters_last_ns[anchor] = stamp_ns
@@ -123,8 +131,11 @@ class Sightings:
         """The last sightings, oldest first."""
         return list(self._kept)
 
-    def align(self, R_level_odom: Array) -> Alignment | None:
-        """Where gravity-levelled odom lies in the map, once the sightings tell it surely; None before."""
+    def align(self, R_level_odom: Array, odometry_std: float = 0.0) -> Alignment | None:
+        """Where gravity-levelled odom lies in the map, once the sightings tell it surely; None before.
+
+        odometry_std : how well odometry says it knows the place in odom [m].
+        """
         if self._sighted < self._tried + max(_NEW, len(self._kept) // 10):
             return None
         self._tried = self._sighted
@@ -132,17 +143,39 @@ class Sightings:
         fixes = [sighting for sighting in self._kept if sighting.anchor is None]
         ranges = [sighting for sighting in self._kept if sighting.anchor is not None]
         bias_std = self.rig.uwb.bias_std if self.rig.uwb is not None else 0.0
-        for alignment in (_align_fixes(fixes, R_level_odom), _align_ranges(ranges, R_level_odom, bias_std)):
+        # the fewer, the less odometry has slid since: once it did, all of them never fit again
+        of_fixes = (_align_fixes(fixes[-count:], R_level_odom, odometry_std) for count in (_FEW, 2 * _FEW, len(fixes)))
+        for alignment in (*of_fixes, _align_ranges(ranges, R_level_odom, bias_std)):
             if alignment and alignment.sure(yaw_std=s.align_yaw_std, position_std=s.align_position_std):
                 return alignment
         return None
 
+    def of_standing(self, since_ns: int) -> tuple[Sighting, Sighting] | None:
+        """The kept fixes from a time on, during which the prism stood, as two: the first half and the rest."""
+        fixes = [sighting for sighting in self._kept if sighting.anchor is None and sighting.stamp_ns >= since_ns]
+        if len(fixes) < 2:
+            return None
+        half = len(fixes) // 2
+        return _mean_fix(fixes[:half]), _mean_fix(fixes[half:])
 
-def _align_fixes(fixes: list[Sighting], R_level_odom: Array) -> Alignment | None:
+
+def align_standing(found: StaticAlignment, fix: Sighting, T_odom_imu: Array, R_level_odom: Array) -> Alignment:
+    """The place of gravity-levelled odom for a machine that stands and knows its heading and its prism's place."""
+    R = yaw_rotation(yaw_of(found.R_map_imu) - yaw_of(R_level_odom @ T_odom_imu[:3, :3]))
+    return Alignment(se3(R, fix.p_map - R @ R_level_odom @ fix.p_odom), found.heading_std, fix.std)
+
+
+def _mean_fix(fixes: list[Sighting]) -> Sighting:
+    """One of some of a prism that stands; medians, for fixes of something else that shines."""
+    p_odom, p_map = (np.median([getattr(fix, name) for fix in fixes], axis=0) for name in ("p_odom", "p_map"))
+    return replace(fixes[-1], p_odom=p_odom, p_map=p_map, std=1.25 * fixes[-1].std / np.sqrt(len(fixes)), alike=1.0)
+
+
+def _align_fixes(fixes: list[Sighting], R_level_odom: Array, odometry_std: float) -> Alignment | None:
     if not fixes:
         return None
     p_odom, p_map = np.array([f.p_odom for f in fixes]), np.array([f.p_map for f in fixes])
-    return align_fixes(p_odom @ R_level_odom.T, p_map, fixes[0].std)
+    return align_fixes(p_odom @ R_level_odom.T, p_map, fixes[0].std, odometry_std)
 
 
 def _align_ranges(ranges: list[Sighting], R_level_odom: Array, bias_std: float) -> Alignment | None:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from localize.degeneracy import DegeneracyMonitor
-from localize.modes import Evidence, ModeState, next_mode
+from localize.modes import Evidence, Latch, ModeState, next_mode
 from localize.odometry import OdometryPose
 from localize.results import Event, Uncertainty, Update
 from localize.settings import LocalizeSettings
@@ -29,6 +29,7 @@ class ModeWatch:
         self.uncertainty: list[Uncertainty] = []
         self._degeneracy = DegeneracyMonitor(settings.degeneracy, settings.keyframes)
         self._slips_told = 0
+        self._dust = Latch()
         self._fitted_ns: dict[str, dict[int | None, int]] = {"uwb": {}, "prism": {}}
 
     def fitted(self, kind: Literal["uwb", "prism"], anchor: int | None, stamp_ns: int) -> None:
@@ -41,13 +42,21 @@ class ModeWatch:
 
     def reached(self, pose: OdometryPose, wheel: WheelFusion | None, *, outside: float | None) -> list[Event]:
         """Take a pose in; returns what changed. ``outside``: see `Evidence`."""
-        events = self._slips(wheel, pose.stamp_ns) + self._degeneracy.watch(pose, self.settings)
+        events = self._slips(wheel, pose.stamp_ns) + self._degeneracy.watch(pose, self.settings) + self._dusty(pose)
         mode = next_mode(self.mode, self._evidence(pose.stamp_ns, wheel, outside), self.settings, lidar=self.lidar)
         if mode.mode != self.mode.mode:
             change = {"before": self.mode.mode, "after": mode.mode}
             events.append({"stamp_ns": int(pose.stamp_ns), "kind": "mode", **change})
         self.mode = mode
         return events
+
+    def _dusty(self, pose: OdometryPose) -> list[Event]:
+        """Dust that begins, and air that is clear again."""
+        before = self._dust
+        self._dust = before.seen(pose.dust > 0.0, pose.stamp_ns, self.settings.dwell_s)
+        if self._dust.on == before.on:
+            return []
+        return [{"stamp_ns": int(pose.stamp_ns), "kind": "dust", "begun": self._dust.on, "share": pose.dust}]
 
     def _slips(self, wheel: WheelFusion | None, stamp_ns: int) -> list[Event]:
         events: list[Event] = []

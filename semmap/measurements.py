@@ -86,15 +86,16 @@ class Scan:
         """The part of the scan from ``stamp_ns`` on."""
         if self.stamp_ns + int(self.offsets_ns.min(initial=0)) >= stamp_ns:
             return self
-        return self._part(self.offsets_ns >= stamp_ns - self.stamp_ns)
+        return self.part(self.offsets_ns >= stamp_ns - self.stamp_ns)
 
     def thinned(self, count: int) -> Scan:
         """About ``count`` of the points, evenly from all of the scan whatever its order; itself if it has no more."""
         if len(self.points) <= count:
             return self
-        return self._part(_phases(len(self.points)) < count / len(self.points))
+        return self.part(_phases(len(self.points)) < count / len(self.points))
 
-    def _part(self, kept: NDArray[np.bool_]) -> Scan:
+    def part(self, kept: NDArray[np.bool_]) -> Scan:
+        """The points for which ``kept`` (n,) holds."""
         rows = np.flatnonzero(kept)
         return Scan(
             self.stamp_ns,

@@ -41,9 +41,9 @@ _MAX_GYRO, _MAX_ACCEL = 200.0, 2000.0  # [rad/s], [m/s²]: no IMU measures more,
 
 
 def sensor_blocks(rig: Rig) -> dict[str, SensorBlock]:
-    """The blocks a rig has, by their key in the rig file."""
+    """The blocks of a rig that have a topic, by their key in the rig file."""
     blocks = {name: getattr(rig, name) for name in MESSAGE_TYPES}
-    return {name: block for name, block in blocks.items() if block is not None}
+    return {name: block for name, block in blocks.items() if block is not None and block.topic}
 
 
 def header_ns(message: Any) -> int:

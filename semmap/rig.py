@@ -58,7 +58,8 @@ class ImuBlock(SensorBlock):
     """IMU noise: white densities [rad/s/√Hz, m/s²/√Hz], bias walks [rad/s²/√Hz, m/s³/√Hz], turn-on bias 1σ.
 
     ``gyro_noise`` and ``accel_noise`` are the densities; the standard deviation of one sample is the density
-    times the square root of the rate.
+    times the square root of the rate. ``engines``: the robot is a machine whose engines shake the IMU (roadheader,
+    drill, loader), and their tones are to be taken out of its samples.
     """
 
     gyro_noise: PositiveFloat = 3e-4
@@ -68,6 +69,7 @@ class ImuBlock(SensorBlock):
     gyro_bias_std: PositiveFloat = 0.01
     accel_bias_std: PositiveFloat = 0.1
     accel_unit: Literal["m/s2", "g"] = "m/s2"
+    engines: bool = False
 
 
 class LidarBlock(SensorBlock):
@@ -135,12 +137,27 @@ class UwbBlock(SensorBlock):
 
 
 class TotalStationBlock(SensorBlock):
-    """Total station that tracks a prism; its ``position`` in map, ``point_std`` [m] per axis."""
+    """Total station that tracks a prism; its ``position`` in map, ``point_std`` [m] per axis.
 
+    Without a ``topic`` its fixes come from a file beside the recording.
+    """
+
+    topic: str = ""
     position: Vector3
     point_std: PositiveFloat = 0.002
     p_imu_prism: Vector3
     q_imu_prism_xyzw: Quaternion = _IDENTITY
+
+
+class EarthBlock(BaseModel):
+    """Where the mine is, for IMUs that feel the earth turn.
+
+    ``latitude_deg``: north is positive. ``grid_bearing_deg``: direction of the map's +y, clockwise from true north.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    latitude_deg: FiniteFloat = Field(ge=-89.0, le=89.0)
+    grid_bearing_deg: FiniteFloat = 0.0
 
 
 class Rig(BaseModel):
@@ -153,6 +170,7 @@ class Rig(BaseModel):
     wheel: WheelBlock | None = None
     uwb: UwbBlock | None = None
     total_station: TotalStationBlock | None = None
+    earth: EarthBlock | None = None
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> Self:
@@ -160,7 +178,10 @@ class Rig(BaseModel):
         return validate(cls, load_yaml(path, RigError), file=path, error=RigError)
 
     def without(self, *sensors: str) -> Rig:
-        """The same rig less some of ``lidar, wheel, uwb, prism`` (other names are ignored)."""
+        """The same rig less some of ``lidar, wheel, uwb, prism, inertial-enhancement`` (other names are ignored)."""
         fields = {"prism": "total_station"}
         gone = {fields.get(sensor, sensor) for sensor in sensors} & {"lidar", "wheel", "uwb", "total_station"}
-        return self.model_copy(update=dict.fromkeys(gone))
+        update: dict[str, SensorBlock | None] = dict.fromkeys(gone)
+        if "inertial-enhancement" in sensors:
+            update["imu"] = self.imu.model_copy(update={"engines": False})
+        return self.model_copy(update=update)

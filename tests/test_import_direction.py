@@ -20,6 +20,8 @@ DOORS = {
     "dask": ("maps/engine.py",),
     "distributed": ("maps/engine.py",),
     "matplotlib": ("tools/report/", "tools/bench/"),
+    "PyEMD": ("localize/denoise.py",),
+    "allantools": ("localize/imu_noise.py",),
     "networkx": ("tools/export.py",),
     "typer": ("tools/cli.py",),
     "rich": ("tools/",),

@@ -213,9 +213,15 @@ def localize(
     rig: Annotated[Path, typer.Option(metavar="rig.yaml", help="The robot's sensors.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files of the run go.")],
     database: Annotated[Path | None, typer.Option("--map", metavar="DB.h5", help="The semantic database.")] = None,
+    prism: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The total station's own fixes: CSV time,x,y,z or Leica GSI.")
+    ] = None,
     without: Annotated[
         str,
-        typer.Option(metavar="LIST", help="Leave out, comma-separated: uwb,wheel,prism,lidar,intersections."),
+        typer.Option(
+            metavar="LIST",
+            help="Leave out, comma-separated: uwb,wheel,prism,lidar,intersections,inertial-enhancement.",
+        ),
     ] = "",
     live: Annotated[bool, typer.Option("--live", help="Play it at its own pace, as a robot would.")] = False,
 ) -> None:
@@ -230,9 +236,38 @@ def localize(
     settings = _common.settings()
     with progress_bar("localizing") as progress:
         summary = localize_recording(
-            recording, rig, out, map_file=database, without=names, settings=settings, live=live, progress=progress
+            recording,
+            rig,
+            out,
+            map_file=database,
+            prism_file=prism,
+            without=names,
+            settings=settings,
+            live=live,
+            progress=progress,
         )
     typer.echo(f"{outcome(summary)}: {out}")
+
+
+@app.command("calibrate-imu", epilog=EPILOG)
+def calibrate_imu(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="With a minute or more at rest.")],
+    rig: Annotated[Path, typer.Option(metavar="rig.yaml", help="The robot's sensors.")],
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Another rig file to write instead.")] = None,
+) -> None:
+    """Find an IMU's noise from a stretch at rest, and write it into the rig file.
+
+    Engines may run; the stretch is found by itself. Ten minutes tell the bias walks, one minute hardly.
+    """
+    from tools.calibrate import calibrate_recording, report_lines
+    from tools.progress import progress_bar
+
+    target = rig if out is None else out
+    with progress_bar("reading") as progress:
+        found = calibrate_recording(recording, rig, target, progress=progress)
+    for line in report_lines(found):
+        typer.echo(line)
+    typer.echo(f"noise of the imu: {target}")
 
 
 @app.command(epilog=EPILOG)

@@ -23,19 +23,21 @@ import numpy as np
 
 import semmap
 from localize import LiveLocalizer, LocalizationResult, Localizer
+from localize.clock_offset import ClockOffset
 from localize.compilation import kernels_compiled
 from localize.results import Uncertainty
 from semmap import database
-from semmap.errors import SettingsError
-from semmap.measurements import Measurement, Scan
+from semmap.errors import RigError, SettingsError
+from semmap.measurements import Measurement, PrismFix, Scan
 from semmap.recordings import read_recording
 from semmap.rig import Rig
 from semmap.trajectory import text_of_stamp_ns
 from tools.files import writable_directory, write_text
+from tools.prism import fixes_of_file, merged
 from tools.progress import Advance
 from tools.settings import ToolSettings
 
-AIDS = ("uwb", "wheel", "prism", "lidar", "intersections")
+AIDS = ("uwb", "wheel", "prism", "lidar", "intersections", "inertial-enhancement")
 """What `--without` can leave out."""
 
 NEVER_ANCHORED = """no poses: the run never found its place in the map (events.jsonl says what was seen)
@@ -58,6 +60,7 @@ def localize_recording(
     out: Path,
     *,
     map_file: Path | None = None,
+    prism_file: Path | None = None,
     without: Sequence[str] = (),
     settings: ToolSettings,
     live: bool = False,
@@ -65,14 +68,16 @@ def localize_recording(
 ) -> dict[str, Any]:
     """Stream ``recording`` through a `Localizer`, write the run directory ``out``, return its summary.
 
-    ``live`` plays it at the pace at which it was recorded into a `LiveLocalizer`, which drops scans if it must.
+    ``prism_file``: fixes of the total station, instead of those of a topic. ``live`` plays it at the pace at which it
+    was recorded into a `LiveLocalizer`, which drops scans if it must.
 
-    Nothing is written before the whole recording went through. Raises the errors of the rig, the database and
-    the recording.
+    Nothing is written before the whole recording went through. Raises the errors of the rig, the database, the
+    recording and the prism file.
     """
     check_aids(without)
     writable_directory(out)
     rig = Rig.from_yaml(rig_file).without(*without)
+    rig, fixes, offset = _with_prism_file(recording, rig, prism_file, without, settings, progress)
     semantic_map = database.load(map_file) if map_file is not None and "intersections" not in without else None
     localizer = Localizer(rig, semantic_map, settings.localize)
     if not kernels_compiled():
@@ -81,14 +86,17 @@ def localize_recording(
     measurements = read_recording(recording, rig, progress=progress)
     scan_ms: list[float] = []
     if live:
-        result = play(LiveLocalizer(localizer), measurements)
+        result = play(LiveLocalizer(localizer), merged(measurements, fixes))
     else:
-        scan_ms = stream(localizer, measurements)
+        scan_ms = stream(localizer, merged(measurements, fixes))
         result = localizer.finish()
     summary = {
         "recording": str(recording.resolve()),
         "rig": str(rig_file.resolve()),
         "map": None if semantic_map is None or map_file is None else str(map_file.resolve()),
+        "prism_file": None if prism_file is None else str(prism_file.resolve()),
+        "prism_fixes": len(fixes) if prism_file is not None else None,
+        "prism_clock": asdict(offset) if offset else None,
         "without": sorted(without),
         "duration_s": round(measurements.info.duration_s, 3),
         "point_times": asdict(measurements.info.point_times) if measurements.info.point_times else None,
@@ -102,15 +110,42 @@ def localize_recording(
     return summary
 
 
+def _with_prism_file(
+    recording: Path,
+    rig: Rig,
+    prism_file: Path | None,
+    without: Sequence[str],
+    settings: ToolSettings,
+    progress: Advance | None,
+) -> tuple[Rig, tuple[PrismFix, ...], ClockOffset | None]:
+    """The rig without the total station's topic, and the file's fixes on the robot's clock."""
+    if prism_file is None:
+        if rig.total_station is not None and not rig.total_station.topic:
+            mend = "give --prism FILE, or leave it out: --without prism"
+            raise RigError("has no topic", field="total_station.topic", mend=mend)
+        return rig, (), None
+    if "prism" in without:
+        raise SettingsError("leaves out what --prism gives", field="--without", mend="give one of the two")
+    if rig.total_station is not None:
+        silent = rig.total_station.model_copy(update={"topic": ""})
+        rig = rig.model_copy(update={"total_station": silent})
+    fixes, offset = fixes_of_file(
+        prism_file, rig, lambda: read_recording(recording, rig, progress=progress), settings.localize
+    )
+    return rig, fixes, offset
+
+
 def stream(localizer: Localizer, measurements: Iterable[Measurement]) -> list[float]:
-    """Hand every measurement to ``localizer``; returns what each scan cost [ms]."""
-    costs, cost = [], 0.0
+    """Hand every measurement to ``localizer``; returns what each scan cost [ms]; alike where several came at once."""
+    costs: list[float] = []
+    cost = 0.0
     for measurement in measurements:
         started = time.perf_counter()
         update = localizer.add(measurement)
         cost += time.perf_counter() - started
         if update is not None:
-            costs.append(1e3 * cost)
+            new = localizer.scans - len(costs)
+            costs += [1e3 * cost / new] * new
             cost = 0.0
     return costs
 

@@ -28,6 +28,7 @@ FULL = {
         "max_range": 21.0,
     },
     "total_station": {"topic": "/prism", "position": [1, 2, 3], "p_imu_prism": [0, 0, 0.5]},
+    "earth": {"latitude_deg": 37.87, "grid_bearing_deg": -12.5},
 }
 
 
@@ -75,6 +76,7 @@ def test_without_leaves_sensors_out_and_the_rig_alone(tmp_path):
 
 
 BAD = {
+    "a latitude beyond the pole": (changed("earth.latitude_deg", 137.87), r"earth\.latitude_deg: .*89"),
     "misspelt key": (
         changed("lidar.min_rnage", 1.0),
         r"lidar\.min_rnage: unknown key; did you mean `min_range`",

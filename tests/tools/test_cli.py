@@ -15,7 +15,7 @@ import semmap
 from semmap.errors import SettingsError
 from tools import cli
 
-COMMANDS = ("demo", "simulate", "build", "info", "merge", "export", "localize", "evaluate", "report")
+COMMANDS = ("demo", "simulate", "build", "info", "merge", "export", "localize", "calibrate-imu", "evaluate", "report")
 
 
 def test_the_command_line_loads_nothing_heavy() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from localize.earth import Earth
 from semmap.geometry import Array
 from semmap.measurements import ImuSample
 from semmap.rig import ImuBlock
@@ -22,7 +23,8 @@ def imu_samples(flight: Flight) -> Iterator[ImuSample]:
     stamps = flight.stamps(rate)
     state = flight.motion(flight.times(stamps))
     gyro_error, accel_error = imu_errors(block, len(stamps), rate, flight.faults.noise, flight.rng(_SENSOR))
-    gyro, accel = state.angular_velocity + gyro_error, state.specific_force() + accel_error
+    rate, force = state.felt(Earth.of(flight.rig.earth))
+    gyro, accel = rate + gyro_error, force + accel_error
     for index, stamp in enumerate(stamps.tolist()):
         yield ImuSample(stamp, gyro[index], accel[index])
 

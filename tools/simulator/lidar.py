@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from semmap.geometry import Array
 from semmap.measurements import Scan
 from semmap.rig import LidarBlock
+from tools.simulator.dust import dusty
 from tools.simulator.flight import Flight, Stamps
 from tools.simulator.raycaster import Hits
 from tools.simulator.settings import SensorFaults
@@ -35,6 +36,7 @@ def scans(flight: Flight) -> Iterator[Scan]:
         chunk = starts[first : first + _SCANS_AT_ONCE]
         hits = _cast(flight, block, chunk[:, None] + offsets_ns, directions)
         ranges, kept = measured_ranges(hits, block, flight.faults, rng)
+        ranges, kept = dusty(ranges, kept, flight.faults.dust, len(chunk) * block.columns, rng)
         shape = (len(chunk), block.columns, block.beams)
         intensity = (_INTENSITY * hits.cosines).reshape(shape)
         for index, stamp in enumerate(chunk.tolist()):

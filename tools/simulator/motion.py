@@ -8,15 +8,18 @@ is differenced.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
+from localize.earth import Earth
 from semmap.geometry import Array, inverse, se3
 from semmap.rig import STANDARD_GRAVITY
 from tools.simulator.angles import Angles, direction
 from tools.simulator.route import CONTROL_STEP
 from tools.simulator.settings import MotionSettings
 from tools.simulator.spline import UniformSpline
+from tools.simulator.vibration import oil_pumps
 
 _TIME_STEP = 0.25
 _STOP_S = 1.0
@@ -53,6 +56,14 @@ class MotionState:
         """What an ideal accelerometer reads (n, 3), ``R^T (a - g)`` with g downwards [m/s², imu frame]."""
         a = self.acceleration + np.array([0.0, 0.0, STANDARD_GRAVITY])
         return np.asarray(np.einsum("nji,nj->ni", self.R_map_imu, a))
+
+    def felt(self, earth: Earth) -> tuple[Array, Array]:
+        """What an ideal IMU reads on a turning earth: rates (n, 3) [rad/s] and specific force (n, 3) [m/s²]."""
+        v = self.velocity
+        turning = earth.rate + v @ earth.transport.T
+        a = self.acceleration - [0.0, 0.0, -earth.gravity] + np.cross(turning + earth.rate, v)
+        in_imu = [np.einsum("nji,nj->ni", self.R_map_imu, x) for x in (turning, a)]
+        return self.angular_velocity + in_imu[0], in_imu[1]
 
     def point(self, p_imu: Array) -> Array:
         """Positions (n, 3) in the map frame of a point fixed to the body, ``p_imu`` (3,)."""
@@ -103,7 +114,7 @@ class Motion:
         self._origin = np.round(controls.mean(axis=0))
         self._T_imu_wheel = T_imu_wheel
         self._path = UniformSpline(controls - self._origin, CONTROL_STEP, ends="straight")
-        times, progress, self.length = _timetable(self._path, settings)
+        times, progress, self.length = _scheduled(self._path, settings)
         count = int(np.ceil(times[-1] / _TIME_STEP)) + 1
         self._progress = UniformSpline(
             np.interp(np.arange(count) * _TIME_STEP, times, progress), _TIME_STEP, ends="rest"
@@ -113,8 +124,11 @@ class Motion:
         rng = np.random.default_rng([seed, 5])
         over_path, over_time = 2.0 * np.pi / _WOBBLE_WAVELENGTHS, 2.0 * np.pi * _VIBRATION_HZ
         self._wobble = _Sines.draw(rng, over_path, np.radians(settings.wobble_deg))
-        self._shaking = _Sines.draw(rng, over_time, settings.vibration_accel, integrals=2)
-        self._twisting = _Sines.draw(rng, over_time, settings.vibration_gyro, integrals=1)
+        if settings.pumps:
+            self._shaking, self._twisting = _pumping(settings, seed)
+        else:
+            self._shaking = _Sines.draw(rng, over_time, settings.vibration_accel, integrals=2)
+            self._twisting = _Sines.draw(rng, over_time, settings.vibration_gyro, integrals=1)
 
     def __call__(self, t: Array) -> MotionState:
         """State at times ``t`` (n,) [s] since the start, clamped to the motion's duration."""
@@ -194,6 +208,17 @@ class _Sines:
         return sine.sum(axis=1), (w * cosine).sum(axis=1), -(w * w * sine).sum(axis=1)
 
 
+def _pumping(settings: MotionSettings, seed: int) -> tuple[_Sines, _Sines]:
+    """What the oil pumps do to position [m] and angles [rad]."""
+    pumps = oil_pumps(seed, gyro_rms=settings.vibration_gyro, accel_rms=settings.vibration_accel)
+    w = np.repeat(2.0 * np.pi * pumps.hz[:, None], 3, axis=1)
+    # a sine's second derivative is itself, backwards; a cosine is a sine's first
+    return (
+        _Sines(w, pumps.shaking / w**2, pumps.shaking_phase + np.pi),
+        _Sines(w, pumps.turning / w, pumps.turning_phase),
+    )
+
+
 def _in_time(f: Derivatives, q: tuple[Array, ...]) -> Derivatives:
     """Chain rule: ``f(q)`` and its derivatives by q into derivatives by time."""
     return f[0], f[1] * q[1], f[2] * q[1] ** 2 + f[1] * q[2]
@@ -207,17 +232,52 @@ def _length(x: Derivatives, y: Derivatives) -> Derivatives:
     return length, first, second
 
 
-def _timetable(path: UniformSpline, settings: MotionSettings) -> tuple[Array, Array, float]:
-    """Times (n,) [s] at which the path parameter reaches values (n,), and the path's length [m].
+def _scheduled(path: UniformSpline, settings: MotionSettings) -> tuple[Array, Array, float]:
+    """Times (n,) [s] at which the path parameter reaches values (n,), and the metres driven.
+
+    Once from end to end; or from place to place of the schedule, with rests there, forwards or in reverse.
+    """
+    q = np.linspace(0.0, path.end, max(3, round(path.end / 0.1) + 1))
+    along = _distances(path, q)
+    if not settings.schedule:
+        legs = [(q, 0.0)]
+    else:
+        places = [0.0, *(min(metres, along[-1]) for metres, _ in settings.schedule)]
+        ends = np.interp(places, along, q)
+        count = [max(3, round(abs(b - a) / 0.1) + 1) for a, b in pairwise(places)]
+        legs = [
+            (np.linspace(a, b, n), rest_s)
+            for (a, b), n, (_, rest_s) in zip(pairwise(ends), count, settings.schedule, strict=True)
+        ]
+    times, progress, length = [np.array([settings.still_s])], [q[:1]], 0.0
+    for at, rest_s in legs:
+        durations, metres = _timetable(path, at, settings)
+        times += [times[-1][-1] + np.cumsum(durations)]
+        progress += [at[1:]]
+        times += [times[-1][-1:] + rest_s] * (rest_s > 0.0)
+        progress += [at[-1:]] * (rest_s > 0.0)
+        length += metres
+    times.append(times[-1][-1:] + _STOP_S)
+    progress.append(progress[-1][-1:])
+    return np.concatenate(times), np.concatenate(progress), length
+
+
+def _distances(path: UniformSpline, q: Array) -> Array:
+    """Metres (n,) along the path at parameters (n,), whichever way these go."""
+    pace = np.linalg.norm(path(q, 1), axis=1)
+    return np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.abs(np.diff(q)))])
+
+
+def _timetable(path: UniformSpline, q: Array, settings: MotionSettings) -> tuple[Array, float]:
+    """Durations (n - 1,) [s] from rest to rest between path parameters (n,), and their way [m].
 
     The speed is limited by the cruising speed and the bends; then by the acceleration, forwards and
     backwards.
     """
-    q = np.linspace(0.0, path.end, max(3, round(path.end / 0.1) + 1))
     first, second = path(q, 1), path(q, 2)
     pace = np.linalg.norm(first, axis=1)
     bend = np.linalg.norm(np.cross(first, second), axis=1) / pace**3
-    distance = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.diff(q))])
+    distance = _distances(path, q)
     bend = np.maximum(bend, 1e-6)
     square = (
         np.minimum(settings.speed, np.minimum(settings.max_yaw_rate / bend, np.sqrt(_SIDE_ACCELERATION / bend))) ** 2
@@ -227,6 +287,4 @@ def _timetable(path: UniformSpline, settings: MotionSettings) -> tuple[Array, Ar
     square = np.minimum.accumulate(square - gain) + gain
     square = np.minimum.accumulate((square + gain)[::-1])[::-1] - gain
     speed = np.sqrt(np.maximum(square, 0.0))
-    durations = 2.0 * np.diff(distance) / (speed[1:] + speed[:-1])
-    times = settings.still_s + np.concatenate([[0.0], np.cumsum(durations)])
-    return np.append(times, times[-1] + _STOP_S), np.append(q, q[-1]), float(distance[-1])
+    return 2.0 * np.diff(distance) / (speed[1:] + speed[:-1]), float(distance[-1])

@@ -58,7 +58,7 @@ class MineScenario:
     relief : RMS of the floor's undulation over 20 to 60 m [m]; texture : wavelengths of the rock's
     roughness [m].
     origin : added to all coordinates, for mines on a national grid. seed : of relief and rock.
-    robot : its own, where one belongs to it.
+    robot : its own, where one belongs to it. way : floor points it goes over, where that is not along the axes.
     """
 
     name: str
@@ -70,6 +70,7 @@ class MineScenario:
     origin: Point = (0.0, 0.0, 0.0)
     seed: int = 0
     robot: Robot | None = None
+    way: tuple[Point, ...] = ()
 
     def __post_init__(self) -> None:
         numbers = [*self.nodes.values(), *(point for roadway in self.roadways for point in roadway.via)]
@@ -113,6 +114,8 @@ class MineScenario:
 
     def route_floor(self) -> Array:
         """Floor points (n, 3) of the route in the map frame."""
+        if self.way:
+            return np.asarray(np.array(self.way) + np.asarray(self.origin))
         parts = [self._leg(start, end) for start, end in zip(self.route[:-1], self.route[1:], strict=True)]
         joined = np.concatenate([parts[0][:1], *(part[1:] for part in parts)])
         return np.asarray(joined + np.asarray(self.origin))

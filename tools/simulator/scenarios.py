@@ -14,6 +14,7 @@ from semmap.errors import InputFileError
 from tools.simulator.coal_tunnel import LONG_M, coal_tunnel
 from tools.simulator.level_plan import level_plan
 from tools.simulator.random_plan import random_plan
+from tools.simulator.roadheader import CONSUMER, roadway
 from tools.simulator.roadways import MineScenario, Point, Roadway
 from tools.simulator.walk import covering_walk
 
@@ -200,6 +201,8 @@ SCENARIOS: dict[str, Callable[[int], MineScenario]] = {
     "pillars": pillars,
     "coal-tunnel": coal_tunnel,
     "coal-tunnel-1km": partial(coal_tunnel, length=LONG_M),
+    "roadway": roadway,
+    "roadway-consumer": partial(roadway, imu=CONSUMER),
 }
 
 

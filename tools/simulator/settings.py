@@ -16,6 +16,9 @@ class MotionSettings(Settings):
     wobble_deg : RMS of the slow roll and pitch motion over the path [deg].
     follow_slope : the body pitches with the path (a vehicle) or stays level (a multirotor).
     vibration_accel, vibration_gyro : RMS of the engine's shaking, 15 to 60 Hz [m/s², rad/s].
+    pumps : it is that of two oil pumps with their harmonics, see `tools.simulator.vibration`.
+    schedule : (metres along the route, seconds of rest there) one after the other, forwards or in reverse; once to the
+        end where there are none.
     """
 
     speed: PositiveFloat = Field(2.0, le=30.0)
@@ -28,6 +31,8 @@ class MotionSettings(Settings):
     follow_slope: bool = True
     vibration_accel: NonNegativeFloat = 0.0
     vibration_gyro: NonNegativeFloat = 0.0
+    pumps: bool = False
+    schedule: tuple[tuple[NonNegativeFloat, NonNegativeFloat], ...] = ()
 
 
 class SensorFaults(Settings):
@@ -37,6 +42,7 @@ class SensorFaults(Settings):
     lidar_dropout : share of returns lost at random.
     lidar_grazing : cosine of incidence at which 63 % still return.
     lidar_far_loss : share lost at the maximum range (it grows with the sixth power of the range).
+    dust : concentration in the air [mg/m³]: near returns, far ones lost; see `tools.simulator.dust`.
     wheel_scale_std : 1σ of the constant scale error.
     wheel_slips_per_min, wheel_slip : how often the wheel slips, for about a second, and by how much on average.
     wheel_slip_s : from when to when it slips for long, by ``wheel_slip`` [s since the motion's beginning].
@@ -44,12 +50,15 @@ class SensorFaults(Settings):
     uwb_nlos_rate : share of ranges that come by a detour though the way is free.
     uwb_outlier_rate : share of ranges that are anything.
     uwb_dead : anchors that never answer. uwb_silent_s : from when to when none does [s since the motion's beginning].
+    prism_hidden_s : from when to when the total station does not see the prism. prism_outlier_rate : share of fixes of
+        something else that shines, up to a metre off. prism_clock_s : the instrument's clock less the robot's [s].
     """
 
     noise: NonNegativeFloat = 1.0
     lidar_dropout: FiniteFloat = Field(0.005, ge=0.0, le=1.0)
     lidar_grazing: NonNegativeFloat = 0.02
     lidar_far_loss: FiniteFloat = Field(0.5, ge=0.0, le=1.0)
+    dust: NonNegativeFloat = 0.0
     wheel_scale_std: NonNegativeFloat = 0.005
     wheel_slips_per_min: NonNegativeFloat = 0.5
     wheel_slip: NonNegativeFloat = 0.2
@@ -59,6 +68,9 @@ class SensorFaults(Settings):
     uwb_outlier_rate: FiniteFloat = Field(0.01, ge=0.0, le=1.0)
     uwb_dead: tuple[int, ...] = ()
     uwb_silent_s: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
+    prism_hidden_s: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
+    prism_outlier_rate: FiniteFloat = Field(0.0, ge=0.0, le=1.0)
+    prism_clock_s: FiniteFloat = 0.0
 
     @classmethod
     def none(cls) -> SensorFaults:
