@@ -8,7 +8,7 @@ from localize.odometry import OdometryPose
 from localize.settings import BreakSettings
 
 _MANY_POINTS = 100
-"""A scan of fewer points does not tell whether it meets the local map."""
+"""A scan of fewer points, or one of dust, does not tell whether it meets the local map."""
 _FEW_KEYFRAMES = 3
 """Before there are so many there is hardly a map to meet."""
 
@@ -18,7 +18,7 @@ class BreakWatch:
 
     Attributes
     ----------
-    strayed : whether the last scan did not: one may be dust, two in a row are another place.
+    strayed : whether the last scan did not: one may be something in the way, two in a row are another place.
     """
 
     def __init__(self, settings: BreakSettings) -> None:
@@ -35,9 +35,9 @@ class BreakWatch:
 
     def leaves_map(self, pose: OdometryPose, keyframes: int) -> bool:
         """Whether the scans have left the local map of so many keyframes."""
-        before, self._met = self._met, (pose.matched, pose.considered)
+        before, self._met = self._met, (pose.matched, 0 if pose.dust else pose.considered)
         least, both = self.settings.least_match, np.add(before, self._met)
-        tells = keyframes >= _FEW_KEYFRAMES and min(before[1], pose.considered) >= _MANY_POINTS
+        tells = keyframes >= _FEW_KEYFRAMES and min(before[1], self._met[1]) >= _MANY_POINTS
         self.strayed = tells and pose.matched < least * pose.considered
         return bool(tells and both[0] < least * both[1])
 

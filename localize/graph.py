@@ -219,6 +219,7 @@ class PoseGraph:
         rest = PoseGraph(self.settings)
         rest._anchor_std = self._anchor_std
         rest._T_odom, rest._up_imu, rest._links = self._T_odom[index:], self._up_imu[index:], self._links[index:]
+        rest._up_std = self._up_std[index:]
         return rest
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from localize.keyframes import Keyframes
+from localize.keyframes import Keyframes, stacked
 from localize.odometry import OdometryPose
 from localize.settings import KeyframeSettings
 from localize.state import NavState
@@ -43,7 +43,7 @@ def test_the_stack_survives_odom_being_moved(seed):
             moved = se3(so3_exp([0.01, -0.02, 0.05]), rng.normal(size=3))
             odom, g = moved @ odom, moved[:3, :3] @ g
         keyframes.add(seen(true, odom, step, g))
-    stack = keyframes.stack()
+    stack = stacked(keyframes.last)
     clouds = [np.sort(cloud, axis=0) for cloud in stack.clouds]
     for cloud in clouds[:-1]:
         np.testing.assert_allclose(cloud, clouds[-1], atol=1e-5)
