@@ -30,7 +30,7 @@ def cell_key(x, y, z, inverse_size):
 
 
 @njit(cache=True, inline="always")
-def _slot_of(table, key):
+def slot_of(table, key):
     """Where a key stands in the table (n, 2) of keys and their cells, or where it would be put."""
     mask = np.uint64(len(table) - 1)
     h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
@@ -45,7 +45,7 @@ def rehash(table, new_table):
     """The table again in a larger one."""
     for s in range(len(table)):
         if table[s, 0] != EMPTY:
-            new_table[_slot_of(new_table, table[s, 0])] = table[s]
+            new_table[slot_of(new_table, table[s, 0])] = table[s]
 
 
 @njit(cache=True)
@@ -102,7 +102,7 @@ def insert(points, inverse_size, max_points, min_points, rule, table, cells, use
     hits = 0
     for i in range(len(points)):
         key = cell_key(points[i, 0], points[i, 1], points[i, 2], inverse_size)
-        slot = _slot_of(table, key)
+        slot = slot_of(table, key)
         if table[slot, 0] == EMPTY:
             table[slot, 0] = key
             table[slot, 1] = used
@@ -185,7 +185,7 @@ def downsample(points, inverse_size, table, total, out):
     m = 0
     for i in range(len(points)):
         key = cell_key(points[i, 0], points[i, 1], points[i, 2], inverse_size)
-        slot = _slot_of(table, key)
+        slot = slot_of(table, key)
         if table[slot, 0] == EMPTY:
             table[slot, 0] = key
             table[slot, 1] = m
@@ -205,7 +205,7 @@ def downsample(points, inverse_size, table, total, out):
 def _shape_near(x, y, z, size, table, cells):
     """The cell whose shape a point belongs to: its own, or of the six beside it the one with the nearest mean."""
     inverse_size = 1.0 / size
-    own = _slot_of(table, cell_key(x, y, z, inverse_size))
+    own = slot_of(table, cell_key(x, y, z, inverse_size))
     if table[own, 0] != EMPTY and cells[table[own, 1], ROWS] > 0.0:
         return table[own, 1]
     best, best_distance2 = np.int64(-1), size * size
@@ -218,7 +218,7 @@ def _shape_near(x, y, z, size, table, cells):
                 qy += sign * size
             else:
                 qz += sign * size
-            slot = _slot_of(table, cell_key(qx, qy, qz, inverse_size))
+            slot = slot_of(table, cell_key(qx, qy, qz, inverse_size))
             if table[slot, 0] == EMPTY:
                 continue
             c = table[slot, 1]

@@ -6,13 +6,15 @@ from pathlib import Path
 
 from numba.core.dispatcher import Dispatcher
 
+from localize._numba_dust import cubes
 from localize._numba_propagation import deskew, propagate
 from localize._numba_voxels import beyond_noise, downsample, insert, point_to_shape
 
 
 def kernels_compiled() -> bool:
     """Whether the kernels of the odometry lie in numba's cache, made from their source as it is now."""
-    return all(_cached(kernel) for kernel in (propagate, deskew, downsample, insert, point_to_shape, beyond_noise))
+    kernels = (propagate, deskew, downsample, insert, point_to_shape, beyond_noise, cubes)
+    return all(_cached(kernel) for kernel in kernels)
 
 
 def _cached(kernel: Dispatcher) -> bool:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from localize._numba_dust import cubes
 from semmap.geometry import Array
 
 _NEAR_M = 6.0
@@ -24,7 +25,6 @@ _SHEET_POINTS, _SHEET_M = 15, 0.04
 """What is rock in dusty air: at 200 mg/m³ six of seven points that pass are; of sheets half as full, every second."""
 _DUSTY = 0.05
 """Share of the near returns in thick cubes beyond which the air is dusty; it is below 0.001 in clear air."""
-_STRIDE = 1 << 12
 
 
 class Air:
@@ -37,15 +37,15 @@ class Air:
     """
 
     def __init__(self, points: Array | NDArray[np.float32]) -> None:
-        near = np.flatnonzero(np.einsum("ij,ij->i", points, points) < _NEAR_M**2)
+        count, thickness, cube = _cubes(np.ascontiguousarray(points, dtype=np.float64))
         self.dust, self.clear = 0.0, np.ones(len(points), dtype=np.bool_)
-        if not len(near):
+        if not len(count):
             return
-        count, thickness, cube = _cubes(np.asarray(points[near], dtype=np.float64))
         thick = (count >= _FEW) & (thickness > _THICK_M)
-        self.dust = float(count[thick].sum() / len(near))
+        self.dust = float(count[thick].sum() / count.sum())
         if self.dust > _DUSTY:
-            self.clear[near] = ((count >= _SHEET_POINTS) & (thickness < _SHEET_M))[cube]
+            near = cube >= 0
+            self.clear[near] = ((count >= _SHEET_POINTS) & (thickness < _SHEET_M))[cube[near]]
 
     @property
     def dusty(self) -> bool:
@@ -54,14 +54,9 @@ class Air:
 
 
 def _cubes(points: Array) -> tuple[NDArray[np.int64], Array, NDArray[np.int64]]:
-    """Points (m,) and thickness (m,) [m] of each cube that points (n, 3) fall in, and the cube (n,) of each."""
-    keys = np.floor(points / _CUBE_M).astype(np.int64) @ np.array([1, _STRIDE, _STRIDE**2])
-    cube = np.unique(keys, return_inverse=True)[1].astype(np.int64)
-    count = np.bincount(cube).astype(np.int64)
-    mean = np.column_stack([np.bincount(cube, axis) for axis in points.T]) / count[:, None]
-    off = points - mean[cube]
-    scatter = np.empty((len(count), 3, 3))
-    for a in range(3):
-        for b in range(a + 1):
-            scatter[:, a, b] = scatter[:, b, a] = np.bincount(cube, off[:, a] * off[:, b]) / count
-    return count, np.sqrt(np.maximum(np.linalg.eigvalsh(scatter)[:, 0], 0.0)), cube
+    """Points (m,) and thickness (m,) [m] of each cube near the sensor, and the cube (n,) of each point, -1 if far."""
+    n = len(points)
+    table = np.empty((1 << max(8, int(np.ceil(np.log2(2 * max(n, 1))))), 2), np.int64)
+    cube, count, thickness = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
+    used = cubes(points, _NEAR_M, _CUBE_M, table, cube, count, np.empty((n, 9)), thickness)
+    return count[:used], thickness[:used], cube

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from localize.dust import Air
+from localize.dust import Air, _cubes
 from tools.simulator import SensorFaults, SimulationSettings, fly, scenario
 from tools.simulator.lidar import scans
 
@@ -62,3 +62,17 @@ def test_simulated_mines_are_clear_and_then_dusty(name):
             assert air.dusty == dusty
             near = np.linalg.norm(scan.points, axis=1) < 6.0
             assert air.clear[~near].all()
+
+
+def test_cubes_are_counted_as_in_numpy(rng):
+    points = np.concatenate([wall(rng, 1500), cloud(rng, 1500), 20.0 * rng.normal(size=(300, 3))])
+    count, thickness, cube = _cubes(points)
+    near = np.linalg.norm(points, axis=1) < 6.0
+    assert (cube >= 0).tolist() == near.tolist()
+    keys = np.floor(points / 0.4).astype(int)
+    for number in range(len(count)):
+        inside = cube == number
+        assert inside.sum() == count[number] and len(np.unique(keys[inside], axis=0)) == 1
+        least = np.linalg.eigvalsh(np.cov(points[inside].T, bias=True))[0] if count[number] > 1 else 0.0
+        np.testing.assert_allclose(thickness[number] ** 2, max(least, 0.0), atol=1e-9)
+    assert len(count) == len(np.unique(keys[near], axis=0))
