@@ -9,7 +9,7 @@ COUNT, MEAN, ROWS, VARIANCE, SCALE, AXES, SCATTER, CELL = 0, 1, 4, 5, 6, 9, 18, 
 and scatter (6). They stand side by side, so that a cell is fetched from memory once."""
 PLANES, PLANES_AND_EDGES, EDGES = 0, 1, 2
 _PLANE_RATIO, _EDGE_RATIO = 0.37, 2.1  # paper 002, Eq. 30
-_ROCK_VARIANCE, _ROCK_POINTS = 0.03**2, 10
+_ROCK_VARIANCE, _ROCK_POINTS = 0.02**2, 10
 """How rough rock is taken to be [m²] until this many points have told: between a few scan lines anything may be."""
 _SHARED = 3.0
 """Points that came with one scan share the error of its pose: so many count as one for how a normal leans."""

@@ -42,7 +42,7 @@ def test_planes_equal_numpy_covariances(rng):
         assert abs(normal @ vectors[:, 0]) > 0.999
         # drawn to the roughness taken for granted, by ten points' worth
         n = len(inside)
-        np.testing.assert_allclose(variance, (values[0] * (n - 1) + 10 * 0.03**2) / (n + 7), rtol=0.1)
+        np.testing.assert_allclose(variance, (values[0] * (n - 1) + 10 * 0.02**2) / (n + 7), rtol=0.1)
 
 
 def test_map_grows_past_its_first_tables(rng):
