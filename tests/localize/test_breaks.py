@@ -13,10 +13,10 @@ from localize.settings import BreakSettings, GraphSettings
 from semmap.geometry import inverse, se3, se3_exp, yaw_of, yaw_rotation
 
 
-def watch(shares, *, keyframes=10, points=1000):
+def watch(shares, *, keyframes=10, points=1000, dust=0.0):
     """Which of some scans, by the share of their points that meets the map, are a break."""
     breaks = BreakWatch(BreakSettings())
-    scans = [SimpleNamespace(matched=round(share * points), considered=points) for share in shares]
+    scans = [SimpleNamespace(matched=round(share * points), considered=points, dust=dust) for share in shares]
     return [breaks.leaves_map(scan, keyframes) for scan in scans]
 
 
@@ -31,6 +31,10 @@ def test_new_rock_and_a_cloud_of_dust_are_none(shares):
 
 def test_without_a_map_or_points_there_is_nothing_to_break_with():
     assert not any(watch([0.1] * 5, keyframes=2)) and not any(watch([0.1] * 5, points=40))
+
+
+def test_in_dust_scans_do_not_tell_whether_the_robot_was_carried_off():
+    assert not any(watch([0.9, 0.9, 0.1, 0.1, 0.1], dust=0.5))
 
 
 def test_a_silence_of_the_imu_is_told_once():
