@@ -21,6 +21,9 @@ _BEAM_STD = 0.002
 _STEP_M, _STEP_RAD = 0.1, 0.05
 """A scan from nearer than this to the last mapped one is not mapped: from one place, the same few lines of rock would
 come again and again and pass for planes."""
+_LEAN_WALK = 1e-4
+"""How the map comes to lean as it grows, beyond what its planes' own errors make of it [rad/√m]. Gravity takes it back
+at once where speed is seen; along a smooth tunnel it passes for acceleration, and the slide grows with it."""
 
 
 class Surface(NamedTuple):
@@ -55,7 +58,7 @@ class LocalMap:
         self.planes = VoxelMap(settings.voxel_size, max_points=settings.voxel_points, shapes=shapes)
         self.edges = VoxelMap(settings.voxel_size, max_points=settings.voxel_points, shapes=Shapes.EDGES)
         self._T_odom_last: Array | None = None
-        self._new_share = 0.0
+        self._new_share = self._grown_m = 0.0
         self._blind = np.zeros((6, 0))
 
     def surfaces(self, scan: Scan, deskewed: Array) -> list[Surface]:
@@ -91,16 +94,25 @@ class LocalMap:
         noise = model.map_noise(filter.state)
         if noise is not None:
             # the map forgets its old error at the rate at which it takes on new: so its variance stays what it is
-            filter.add_map_noise(self._new_share * (2.0 - self._new_share) * noise)
-            self._new_share = 0.0
+            filter.add_map_noise(self._new_share * (2.0 - self._new_share) * noise + self._leaning(filter.state.g))
+            self._new_share = self._grown_m = 0.0
+
+    def _leaning(self, g: Array) -> Array:
+        """Covariance (6, 6) of how the map leans by what it grew, against gravity ``g`` (3,)."""
+        up = g / np.linalg.norm(g)
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3] = _LEAN_WALK**2 * self._grown_m * (np.eye(3) - np.outer(up, up))
+        return covariance
 
     def extend(self, surfaces: list[Surface], filter: ErrorStateFilter) -> None:
         """Put a scan in at the filter's pose, if it is from another place than the last one."""
         T = filter.state.T_odom_imu
         if self._T_odom_last is not None:
             moved = inverse(self._T_odom_last) @ T
-            if np.linalg.norm(moved[:3, 3]) < _STEP_M and rotation_angle(moved[:3, :3]) < _STEP_RAD:
+            step_m = float(np.linalg.norm(moved[:3, 3]))
+            if step_m < _STEP_M and rotation_angle(moved[:3, :3]) < _STEP_RAD:
                 return
+            self._grown_m += step_m
         self._T_odom_last = T
         T_map_lidar = inverse(filter.state.T_odom_map) @ T @ filter.state.T_imu_lidar
         for points, voxels in surfaces:
