@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from localize._numba_voxels import EMPTY, cell_key, eigen3, slot_of
+from localize._numba_voxels import EMPTY, cell_key, slot_of
 
 
 @njit(cache=True)
@@ -42,14 +42,25 @@ def cubes(points, near, size, table, cube, count, moments, thickness):
         m[6] += y * y
         m[7] += y * z
         m[8] += z * z
-    S, variances, axes = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     for c in range(used):
         n, m = count[c], moments[c]
-        k = 3
-        for a in range(3):
-            for b in range(a, 3):
-                S[a, b] = S[b, a] = m[k] / n - m[a] * m[b] / (n * n)
-                k += 1
-        eigen3(S, variances, axes)
-        thickness[c] = np.sqrt(max(variances[0], 0.0))
+        x, y, z = m[0] / n, m[1] / n, m[2] / n
+        least = _least_variance(
+            m[3] / n - x * x, m[4] / n - x * y, m[5] / n - x * z, m[6] / n - y * y, m[7] / n - y * z, m[8] / n - z * z
+        )
+        thickness[c] = np.sqrt(max(least, 0.0))
     return used
+
+
+@njit(cache=True, inline="always")
+def _least_variance(xx, xy, xz, yy, yz, zz):
+    """The least eigenvalue of a symmetric matrix, by the cosine formula: exact to some 1e-8 of the largest."""
+    mean = (xx + yy + zz) / 3.0
+    a, b, c = xx - mean, yy - mean, zz - mean
+    p2 = (a * a + b * b + c * c) / 6.0 + (xy * xy + xz * xz + yz * yz) / 3.0
+    if p2 <= 1e-30:
+        return mean
+    p = np.sqrt(p2)
+    det = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
+    cosine = min(max(0.5 * det / (p * p2), -1.0), 1.0)
+    return mean + 2.0 * p * np.cos(np.arccos(cosine) / 3.0 + 2.0 * np.pi / 3.0)
