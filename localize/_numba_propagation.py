@@ -36,8 +36,11 @@ def propagate(
     gyro bias walk, accel bias walk.
     """
     n = len(t)
-    F = np.zeros((18, 18))
-    top = np.empty((18, P.shape[1]))
+    # only rotation, position and velocity move by themselves; biases and gravity drive them
+    F = np.zeros((9, 18))
+    for i in range(3):
+        F[3 + i, 3 + i] = F[6 + i, 6 + i] = 1.0
+    moved = np.empty((9, P.shape[1]))
     dR, half = np.empty((3, 3)), np.empty((3, 3))
     for k in range(n):
         track_R[k], track_p[k], track_v[k] = R, p, v
@@ -54,14 +57,12 @@ def propagate(
         track_w[k], track_a[k] = w, a
 
         exp_so3(dt * w, dR)
-        F[:, :] = 0.0
         for i in range(3):
             for j in range(3):
                 F[i, j] = dR[j, i]
                 F[6 + i, 12 + j] = -dt * R_mid[i, j]
                 F[3 + i, 12 + j] = -0.5 * dt * dt * R_mid[i, j]
             F[i, 9 + i] = -dt
-            F[3 + i, 3 + i] = F[6 + i, 6 + i] = F[9 + i, 9 + i] = F[12 + i, 12 + i] = F[15 + i, 15 + i] = 1.0
             F[3 + i, 6 + i] = F[6 + i, 15 + i] = dt
             F[3 + i, 15 + i] = 0.5 * dt * dt
             # -R [f]x: how a tilt turns the specific force
@@ -70,9 +71,10 @@ def propagate(
             F[6 + i, 2] = -dt * (R_mid[i, 0] * f[1] - R_mid[i, 1] * f[0])
             for j in range(3):
                 F[3 + i, j] = 0.5 * dt * F[6 + i, j]
-        np.dot(F, P[:18], top)
-        P[:18] = top
-        P[:, :18] = np.dot(np.ascontiguousarray(P[:, :18]), F.T)
+        np.dot(F, P[:18], moved)
+        P[:9, :9] = np.dot(np.ascontiguousarray(moved[:, :18]), F.T)
+        P[:9, 9:] = moved[:, 9:]
+        P[9:, :9] = moved[:, 9:].T
         for i in range(3):
             P[i, i] += densities[0] * dt
             P[6 + i, 6 + i] += densities[1] * dt

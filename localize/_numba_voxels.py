@@ -3,6 +3,8 @@
 import numpy as np
 from numba import njit
 
+from localize._numba_eigen import eigen3
+
 EMPTY = np.int64(-1)
 COUNT, MEAN, ROWS, VARIANCE, SCALE, AXES, SCATTER, CELL = 0, 1, 4, 5, 6, 9, 18, 24
 """Columns of a cell: how many points, their mean (3), the kind of shape, variance across it, scale (3), axes (3 by 3)
@@ -46,48 +48,6 @@ def rehash(table, new_table):
     for s in range(len(table)):
         if table[s, 0] != EMPTY:
             new_table[slot_of(new_table, table[s, 0])] = table[s]
-
-
-@njit(cache=True)
-def eigen3(S, values, vectors):
-    """Eigenvalues (3,), ascending, and eigenvectors (rows of (3, 3)) of a symmetric matrix (3, 3), which is used up.
-
-    Jacobi's rotations: several times faster here than LAPACK, and the same to the last bit on every processor.
-    """
-    for i in range(3):
-        for j in range(3):
-            vectors[i, j] = 1.0 if i == j else 0.0
-    size = S[0, 0] + S[1, 1] + S[2, 2]
-    for _ in range(12):
-        if S[0, 1] ** 2 + S[0, 2] ** 2 + S[1, 2] ** 2 <= (1e-14 * size) ** 2:
-            break
-        for p in range(2):
-            for q in range(p + 1, 3):
-                if S[p, q] == 0.0:
-                    continue
-                theta = (S[q, q] - S[p, p]) / (2.0 * S[p, q])
-                t = 1.0 / (abs(theta) + np.sqrt(theta * theta + 1.0))
-                if theta < 0.0:
-                    t = -t
-                cos = 1.0 / np.sqrt(t * t + 1.0)
-                sin = t * cos
-                for k in range(3):
-                    a, b = S[k, p], S[k, q]
-                    S[k, p], S[k, q] = cos * a - sin * b, sin * a + cos * b
-                for k in range(3):
-                    a, b = S[p, k], S[q, k]
-                    S[p, k], S[q, k] = cos * a - sin * b, sin * a + cos * b
-                for k in range(3):
-                    a, b = vectors[p, k], vectors[q, k]
-                    vectors[p, k], vectors[q, k] = cos * a - sin * b, sin * a + cos * b
-    for i in range(3):
-        values[i] = S[i, i]
-    for i in range(2):
-        for j in range(2 - i):
-            if values[j] > values[j + 1]:
-                values[j], values[j + 1] = values[j + 1], values[j]
-                for k in range(3):
-                    vectors[j, k], vectors[j + 1, k] = vectors[j + 1, k], vectors[j, k]
 
 
 @njit(cache=True)
@@ -231,131 +191,132 @@ def _shape_near(x, y, z, size, table, cells):
 
 
 @njit(cache=True, inline="always")
-def _add_leaning(cell, weight, R, p, h, C):
-    """Add to C what the noise of a shape's points alone would give: across leans along by noise / (√n spread)."""
+def _put_row(rows, n, weight, x, y, z, ux, uy, uz):
+    """rows[n] (6,): by rotation and position, of a residual along u at a place (x, y, z) from the imu, times weight."""
+    rows[n, 0] = weight * (y * uz - z * uy)
+    rows[n, 1] = weight * (z * ux - x * uz)
+    rows[n, 2] = weight * (x * uy - y * ux)
+    rows[n, 3], rows[n, 4], rows[n, 5] = weight * ux, weight * uy, weight * uz
+
+
+@njit(cache=True, inline="always")
+def _leaning(cell, weight):
+    """By how much a shape leans by the noise of its points alone, if they spread by 1: noise / √n; times √weight."""
     n = cell[COUNT]
     # what the points told themselves, without the roughness taken for granted
     noise = max(cell[VARIANCE] * (n - 3 + _ROCK_POINTS) - _ROCK_POINTS * _ROCK_VARIANCE, 0.0) / (n - 3)
-    dx, dy, dz = cell[MEAN] - p[0], cell[MEAN + 1] - p[1], cell[MEAN + 2] - p[2]
-    ix = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
-    iy = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
-    iz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
-    for k in range(int(cell[ROWS]), 3):
-        ux, uy, uz = cell[AXES + 3 * k], cell[AXES + 3 * k + 1], cell[AXES + 3 * k + 2]
-        mx = R[0, 0] * ux + R[1, 0] * uy + R[2, 0] * uz
-        my = R[0, 1] * ux + R[1, 1] * uy + R[2, 1] * uz
-        mz = R[0, 2] * ux + R[1, 2] * uy + R[2, 2] * uz
-        h[0], h[1], h[2] = iy * mz - iz * my, iz * mx - ix * mz, ix * my - iy * mx
-        h[3], h[4], h[5] = mx, my, mz
-        leaning = weight * noise * cell[SCALE + k] * cell[SCALE + k] * _SHARED / n
-        for row in range(6):
-            for column in range(row, 6):
-                C[row, column] += leaning * h[row] * h[column]
+    return np.sqrt(weight * noise * _SHARED / n)
+
+
+@njit(cache=True, inline="always")
+def _gram(rows, n, R, out):
+    """``Σ hᵀh`` of the first n rows h (6,) in the axes of the map, into out (6, 6) in those of the imu."""
+    total = np.zeros((6, 6))
+    for k in range(n):
+        for i in range(6):
+            for j in range(i, 6):
+                total[i, j] += rows[k, i] * rows[k, j]
+    for i in range(6):
+        for j in range(i):
+            total[i, j] = total[j, i]
+    for i in (0, 3):
+        for j in (0, 3):
+            out[i : i + 3, j : j + 3] = R.T @ np.ascontiguousarray(total[i : i + 3, j : j + 3]) @ R
 
 
 @njit(cache=True)
 def point_to_shape(
     points, R, p, R_imu_lidar, p_imu_lidar, size, table, cells, range_variance, beam_variance, gate,
-    mark, met, pulls, A, b, B, C, residuals, sigmas,
+    mark, met, pulls, rows, A, b, B, C, residuals, sigmas,
 ):  # fmt: skip
-    """Sum A += HᵀH/σ², b -= Hᵀr/σ² of the residuals ``uᵀ(T p - mean)`` (paper 000 Eq. 14); returns how many matched.
+    """A = Σ HᵀH/σ², b = -Σ Hᵀr/σ² of the residuals ``uᵀ(T p - mean)`` (paper 000 Eq. 14); returns how many matched.
 
     Across a plane there is one u, across an edge there are two (paper 002 Eq. 31). σ² is what one point errs by alone
     and what the shape errs by, which every point on it shares: B is the covariance of b that comes from the shapes,
     ``Σ (Σ hᵀ/σ²)(Σ h/σ²) σ_shape²``, the inner sums over the points of one shape. C is what of A to expect from
     noise alone: a normal that leans by chance looks along directions of which the true one knows nothing.
     points (n, 3) in the lidar frame; R, p: the imu in the map; columns of H: rotation and position of the imu, in its
-    own axes. residuals, sigmas (n, 2) [m]: NaN where there is none. mark (cells) must be 0 and pulls
-    (2 n, 8) and met (n,) are scratch.
+    own axes. residuals, sigmas (n, 2) [m]: NaN where there is none. mark (cells) must be 0 and pulls (2 n, 8),
+    rows (2 n, 6) and met (n,) are scratch.
     """
-    A[:, :] = 0.0
     b[:] = 0.0
-    B[:, :] = 0.0
-    C[:, :] = 0.0
-    h = np.empty(6)
-    ox = R[0, 0] * p_imu_lidar[0] + R[0, 1] * p_imu_lidar[1] + R[0, 2] * p_imu_lidar[2] + p[0]
-    oy = R[1, 0] * p_imu_lidar[0] + R[1, 1] * p_imu_lidar[1] + R[1, 2] * p_imu_lidar[2] + p[1]
-    oz = R[2, 0] * p_imu_lidar[0] + R[2, 1] * p_imu_lidar[1] + R[2, 2] * p_imu_lidar[2] + p[2]
-    matched, shapes = 0, 0
+    o = R @ p_imu_lidar
+    R_map_lidar = R @ R_imu_lidar
+    matched, shapes, used = 0, 0, 0
     for i in range(len(points)):
         residuals[i] = np.nan
         sigmas[i] = np.nan
-        lx, ly, lz = points[i, 0], points[i, 1], points[i, 2]
-        ix = R_imu_lidar[0, 0] * lx + R_imu_lidar[0, 1] * ly + R_imu_lidar[0, 2] * lz + p_imu_lidar[0]
-        iy = R_imu_lidar[1, 0] * lx + R_imu_lidar[1, 1] * ly + R_imu_lidar[1, 2] * lz + p_imu_lidar[1]
-        iz = R_imu_lidar[2, 0] * lx + R_imu_lidar[2, 1] * ly + R_imu_lidar[2, 2] * lz + p_imu_lidar[2]
-        x = R[0, 0] * ix + R[0, 1] * iy + R[0, 2] * iz + p[0]
-        y = R[1, 0] * ix + R[1, 1] * iy + R[1, 2] * iz + p[1]
-        z = R[2, 0] * ix + R[2, 1] * iy + R[2, 2] * iz + p[2]
+        # from the lidar, from the imu, and in the map
+        rx = R_map_lidar[0, 0] * points[i, 0] + R_map_lidar[0, 1] * points[i, 1] + R_map_lidar[0, 2] * points[i, 2]
+        ry = R_map_lidar[1, 0] * points[i, 0] + R_map_lidar[1, 1] * points[i, 1] + R_map_lidar[1, 2] * points[i, 2]
+        rz = R_map_lidar[2, 0] * points[i, 0] + R_map_lidar[2, 1] * points[i, 1] + R_map_lidar[2, 2] * points[i, 2]
+        ix, iy, iz = rx + o[0], ry + o[1], rz + o[2]
+        x, y, z = ix + p[0], iy + p[1], iz + p[2]
         c = _shape_near(x, y, z, size, table, cells)
         if c < 0:
             continue
         cell = cells[c]
-        rows = int(cell[ROWS])
+        across = int(cell[ROWS])
         dx, dy, dz = x - cell[MEAN], y - cell[MEAN + 1], z - cell[MEAN + 2]
         # the shape is known best amid its points, and the less the farther beyond them; far beyond, nothing is known
         beyond = 0.0
-        for k in range(rows, 3):
+        for k in range(across, 3):
             along = cell[AXES + 3 * k] * dx + cell[AXES + 3 * k + 1] * dy + cell[AXES + 3 * k + 2] * dz
             beyond += (cell[SCALE + k] * along) ** 2
         if beyond > _BEYOND:
             continue
-        rx, ry, rz = x - ox, y - oy, z - oz
         range2 = rx * rx + ry * ry + rz * rz
-        used = False
-        for k in range(rows):
-            nx, ny, nz = cell[AXES + 3 * k], cell[AXES + 3 * k + 1], cell[AXES + 3 * k + 2]
-            r = nx * dx + ny * dy + nz * dz
+        first = used
+        for k in range(across):
+            ux, uy, uz = cell[AXES + 3 * k], cell[AXES + 3 * k + 1], cell[AXES + 3 * k + 2]
+            r = ux * dx + uy * dy + uz * dz
             # a range errs along its ray, its direction across it
-            along2 = (nx * rx + ny * ry + nz * rz) ** 2
+            along2 = (ux * rx + uy * ry + uz * rz) ** 2
             alone2 = cell[VARIANCE] + range_variance * along2 / range2 + beam_variance * (range2 - along2)
             shape2 = alone2 * (1.0 + beyond) / cell[COUNT]
             sigma2 = alone2 + shape2
             if r * r > gate * gate * sigma2:
                 continue
-            # normal in the imu frame
-            mx = R[0, 0] * nx + R[1, 0] * ny + R[2, 0] * nz
-            my = R[0, 1] * nx + R[1, 1] * ny + R[2, 1] * nz
-            mz = R[0, 2] * nx + R[1, 2] * ny + R[2, 2] * nz
-            h[0], h[1], h[2] = iy * mz - iz * my, iz * mx - ix * mz, ix * my - iy * mx
-            h[3], h[4], h[5] = mx, my, mz
             # Cauchy weight: a stone or a vehicle that was not there must not pull
-            weight = 1.0 / (sigma2 * (1.0 + r * r / (4.0 * sigma2)))
+            weight = 1.0 / (sigma2 + 0.25 * r * r)
             if mark[c] == 0:
                 shapes += 1
                 mark[c] = shapes
                 met[shapes - 1] = c
                 pulls[2 * shapes - 2 : 2 * shapes] = 0.0
-            pull = pulls[2 * (mark[c] - 1) + k]
-            for row in range(6):
-                hw = h[row] * weight
-                b[row] -= hw * r
-                pull[row] += hw
-                for column in range(row, 6):
-                    A[row, column] += hw * h[column]
+            s, scale = 2 * (mark[c] - 1) + k, np.sqrt(weight)
+            _put_row(rows, used, scale, ix, iy, iz, ux, uy, uz)
+            for j in range(6):
+                pulls[s, j] += scale * rows[used, j]
+                b[j] -= scale * r * rows[used, j]
             # by how much a shape is off where the points met it, in the mean weighted as they are
-            pull[6] += weight * shape2
-            pull[7] += weight
+            pulls[s, 6] += weight * shape2
+            pulls[s, 7] += weight
             residuals[i, k] = r
             sigmas[i, k] = np.sqrt(sigma2)
-            used = True
-        if used:
+            used += 1
+        if used > first:
             matched += 1
+    _gram(rows, used, R, A)
+    b[:3], b[3:] = b[:3] @ R, b[3:] @ R
+    leaning = 0
     for k in range(2 * shapes):
-        if pulls[k, 7] > 0.0:
-            shape2 = pulls[k, 6] / pulls[k, 7]
-            for row in range(6):
-                for column in range(row, 6):
-                    B[row, column] += pulls[k, row] * pulls[k, column] * shape2
+        weight = pulls[k, 7]
+        scale = np.sqrt(pulls[k, 6] / weight) if weight > 0.0 else 0.0
+        for j in range(6):
+            rows[k, j] = scale * pulls[k, j]
+    _gram(rows, 2 * shapes, R, B)
     for k in range(shapes):
         c = met[k]
+        cell = cells[c]
         mark[c] = 0
-        _add_leaning(cells[c], pulls[2 * k, 7] + pulls[2 * k + 1, 7], R, p, h, C)
-    for row in range(6):
-        for column in range(row):
-            A[row, column] = A[column, row]
-            B[row, column] = B[column, row]
-            C[row, column] = C[column, row]
+        noise = _leaning(cell, pulls[2 * k, 7] + pulls[2 * k + 1, 7])
+        dx, dy, dz = cell[MEAN] - p[0], cell[MEAN + 1] - p[1], cell[MEAN + 2] - p[2]
+        for j in range(int(cell[ROWS]), 3):
+            ux, uy, uz = cell[AXES + 3 * j], cell[AXES + 3 * j + 1], cell[AXES + 3 * j + 2]
+            _put_row(rows, leaning, noise * cell[SCALE + j], dx, dy, dz, ux, uy, uz)
+            leaning += 1
+    _gram(rows, leaning, R, C)
     return matched
 
 
@@ -372,7 +333,7 @@ def beyond_noise(A, b, B, C, blind_from, blind):
     for first in (0, 3):
         block = slice(first, first + 3)
         # whitened by A: W A Wᵀ = 1, rows of W
-        eigen3(A[block, block].copy(), share, W)
+        eigen3(A[block, block], share, W)
         least = 1e-9 * (share[0] + share[1] + share[2])
         for i in range(3):
             W[i] /= np.sqrt(max(share[i], least))

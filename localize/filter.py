@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localize._numba_propagation import deskew, propagate
+from localize._numba_update import solved
 from localize.settings import ExtrinsicSettings
 from localize.state import (
     ACCEL_BIAS,
@@ -59,13 +60,6 @@ def information(residual: Array, H: Array, covariance: Array, columns: NDArray[n
     """Information of a residual (m,) with Jacobian (m, k) over ``columns`` (k,) and noise covariance (m, m)."""
     weighted = np.linalg.solve(covariance, H).T
     return Information(weighted @ H, -weighted @ residual, columns)
-
-
-def _solved(info: Information, P: Array, rhs: Array) -> Array:
-    """``(I + P A)⁻¹ rhs`` for A that has only ``info.columns``: a system as small as these."""
-    columns = info.columns
-    small = np.eye(len(columns)) + P[np.ix_(columns, columns)] @ info.A
-    return np.asarray(rhs - P[:, columns] @ (info.A @ np.linalg.solve(small, rhs[columns])))
 
 
 def _hanging_on(info: Information, P: Array) -> Array:
@@ -175,14 +169,15 @@ class ErrorStateFilter:
             info = latest
             aside = _hanging_on(info, self.P)
             P = self.P - aside @ aside.T
-            delta = _solved(info, P, P[:, info.columns] @ info.b - offset)
+            rhs = P[:, info.columns] @ info.b - offset
+            delta = solved(P, info.columns, info.A, rhs[:, None])[:, 0]
             self.state = self.state.boxplus(delta)
             if np.abs(delta[:6]).max() < tolerance:
                 break
             offset = self.state.boxminus(predicted)
         if info is not None:
-            aside = _solved(info, P, aside)
-            P = _solved(info, P, P)
+            both = solved(P, info.columns, info.A, np.hstack([P, aside]))
+            P, aside = both[:, : len(P)], both[:, len(P) :]
             self.P = 0.5 * (P + P.T) + aside @ aside.T
         return info
 

@@ -312,6 +312,8 @@ class Odometry:
 
     def _earth_felt(self) -> tuple[Array, Array]:
         """What the turning earth adds to rate [rad/s] and specific force [m/s²] (002, under Eq. 20), (3,) each."""
+        if not self.earth.rate.any():
+            return np.zeros(3), np.zeros(3)
         state = self.filter.state
         rate = self.earth.rate_in_odom(-state.g / np.linalg.norm(state.g), state.T_map_odom)
         return state.R.T @ rate, state.R.T @ np.cross(2.0 * rate, state.v)

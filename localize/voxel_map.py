@@ -129,14 +129,15 @@ class VoxelMap:
         self, points: Array, T_map_imu: Array, T_imu_lidar: Array, *, noise: RangeNoise, gate: float
     ) -> ShapeMatch:
         """Points (n, 3) in the lidar frame against the shapes; residuals beyond ``gate`` sigmas are left out."""
+        n = len(points)
         A, b, B, C = np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty((6, 6))
-        residuals, sigmas = np.empty((len(points), 2)), np.empty((len(points), 2))
+        residuals, sigmas = np.empty((n, 2)), np.empty((n, 2))
         matched = point_to_shape(
             points,
             np.ascontiguousarray(T_map_imu[:3, :3]), np.ascontiguousarray(T_map_imu[:3, 3]),
             np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3]),
             self.size, self._table, self._cells, noise.along, noise.across, gate, self._added,
-            np.empty(len(points), np.int64), np.empty((2 * len(points), 8)), A, b, B, C, residuals, sigmas,
+            np.empty(n, np.int64), np.empty((2 * n, 8)), np.empty((2 * n, 6)), A, b, B, C, residuals, sigmas,
         )  # fmt: skip
         return ShapeMatch(A, b, B, C, residuals, sigmas, int(matched))
 
