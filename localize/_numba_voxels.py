@@ -51,8 +51,8 @@ def rehash(table, new_table):
 
 
 @njit(cache=True)
-def insert(points, inverse_size, max_points, min_points, rule, table, cells, used, added, hit):
-    """Add points (n, 3) in the map; returns the number of cells in use and how new the map is where the points are.
+def insert(points, R, p, inverse_size, max_points, min_points, rule, table, cells, used, added, hit):
+    """Add points (n, 3), at ``R x + p`` in the map; returns how many cells are in use and how new the map is there.
 
     Full cells (max_points) stay as they are. The tables must have room for n more cells. The shape of a cell is that
     of its points: rows is 0 while it has none, 1 for a plane, 2 for an edge; axes are its eigenvectors by ascending
@@ -61,7 +61,10 @@ def insert(points, inverse_size, max_points, min_points, rule, table, cells, use
     """
     hits = 0
     for i in range(len(points)):
-        key = cell_key(points[i, 0], points[i, 1], points[i, 2], inverse_size)
+        x = R[0, 0] * points[i, 0] + R[0, 1] * points[i, 1] + R[0, 2] * points[i, 2] + p[0]
+        y = R[1, 0] * points[i, 0] + R[1, 1] * points[i, 1] + R[1, 2] * points[i, 2] + p[1]
+        z = R[2, 0] * points[i, 0] + R[2, 1] * points[i, 1] + R[2, 2] * points[i, 2] + p[2]
+        key = cell_key(x, y, z, inverse_size)
         slot = slot_of(table, key)
         if table[slot, 0] == EMPTY:
             table[slot, 0] = key
@@ -81,11 +84,11 @@ def insert(points, inverse_size, max_points, min_points, rule, table, cells, use
         added[c] = max(added[c], 0) + 1
         n += 1.0
         cell[COUNT] = n
-        dx, dy, dz = points[i, 0] - cell[MEAN], points[i, 1] - cell[MEAN + 1], points[i, 2] - cell[MEAN + 2]
+        dx, dy, dz = x - cell[MEAN], y - cell[MEAN + 1], z - cell[MEAN + 2]
         cell[MEAN] += dx / n
         cell[MEAN + 1] += dy / n
         cell[MEAN + 2] += dz / n
-        ex, ey, ez = points[i, 0] - cell[MEAN], points[i, 1] - cell[MEAN + 1], points[i, 2] - cell[MEAN + 2]
+        ex, ey, ez = x - cell[MEAN], y - cell[MEAN + 1], z - cell[MEAN + 2]
         cell[SCATTER] += dx * ex
         cell[SCATTER + 1] += dx * ey
         cell[SCATTER + 2] += dx * ez

@@ -154,7 +154,7 @@ class ErrorStateFilter:
         self.P[np.ix_(columns, columns)] += Q
         self.stamp_ns = stamp_ns
 
-    def update(self, model: MeasurementModel, *, iterations: int = 1, tolerance: float = 1e-4) -> Information | None:
+    def update(self, model: MeasurementModel, *, iterations: int = 1, tolerance: float = 5e-4) -> Information | None:
         """Maximum a posteriori state given one sensor (paper 000 Eq. 4); returns the last linearization or None.
 
         Each step solves ``(I + P A) δ = P b - (x ⊟ x̂)``, which needs no inverse of P: extrinsics that are known

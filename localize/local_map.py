@@ -12,7 +12,7 @@ from localize.lidar import ScanPart, ScanToMap
 from localize.settings import OdometrySettings
 from localize.voxel_map import RangeNoise, Shapes, VoxelMap, voxel_means
 from semmap.errors import SettingsError
-from semmap.geometry import Array, inverse, rotation_angle, transform
+from semmap.geometry import Array, inverse, rotation_angle
 from semmap.measurements import Scan
 from semmap.rig import LidarBlock
 
@@ -117,7 +117,7 @@ class LocalMap:
         T_map_lidar = inverse(filter.state.T_odom_map) @ T @ filter.state.T_imu_lidar
         for points, voxels in surfaces:
             voxels.forget_far(T_map_lidar[:3, 3], self.settings.max_voxels)
-            share = voxels.insert(transform(T_map_lidar, points))
+            share = voxels.insert(points, T_map_lidar)
             if voxels is self.planes:
                 filter.extend_map(share, self._blind)
                 self._new_share = 1.0 - (1.0 - self._new_share) * (1.0 - share)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from localize.dust import Air
 from localize.earth import Earth
 from localize.filter import ErrorStateFilter, InertialTrack, joined
+from localize.imu_buffer import ImuBuffer
 from localize.local_map import LocalMap, ScanMatch
 from localize.prism import FixOutcome, PrismFusion, without_earth_rate
 from localize.range_check import Verdict
@@ -107,8 +108,7 @@ class Odometry:
         self.dropped: dict[str, int] = {}
         self.wheel = WheelFusion(rig.wheel, settings) if rig.wheel is not None else None
         self.gaps = 0
-        self._imu: list[ImuSample] = []
-        self._imu_stamps: list[int] = []
+        self._imu = ImuBuffer()
         self._wheel: list[WheelSpeed] = []
         self._scans: list[Scan] = []
         self._T_odom_keyframe: Array | None = None
@@ -156,13 +156,13 @@ class Odometry:
         return self._advance()
 
     def _add_imu(self, sample: ImuSample) -> None:
-        if self._imu_stamps and sample.stamp_ns <= self._imu_stamps[-1]:
-            self._count("imu")
-            return
-        if self._imu_stamps and sample.stamp_ns - self._imu_stamps[-1] > _GAP_NS:
-            self.gaps += 1
+        if len(self._imu):
+            after_ns = sample.stamp_ns - self._imu.last_ns
+            if after_ns <= 0:
+                self._count("imu")
+                return
+            self.gaps += after_ns > _GAP_NS
         self._imu.append(sample)
-        self._imu_stamps.append(sample.stamp_ns)
 
     def _in_time(self, stamp_ns: int, what: str) -> bool:
         if stamp_ns > self.filter.stamp_ns:
@@ -175,14 +175,14 @@ class Odometry:
 
     def _advance(self) -> list[OdometryPose]:
         poses = []
-        while self._imu_stamps:
+        while len(self._imu):
             if self.rig.lidar is None:
                 end_ns = self.filter.stamp_ns + _TICK_NS
             elif self._scans:
                 end_ns = self._scans[0].end_ns
             else:
                 break
-            if self._imu_stamps[-1] < end_ns:
+            if self._imu.last_ns < end_ns:
                 break
             poses.append(self._step(end_ns, self._scans.pop(0) if self.rig.lidar is not None else None))
         return poses
@@ -295,19 +295,10 @@ class Odometry:
 
     def _predict(self, end_ns: int) -> InertialTrack:
         """Propagate from the filter's time to ``end_ns``, with the IMU interpolated at both ends."""
-        begin_ns = self.filter.stamp_ns
-        first = max(0, bisect.bisect_right(self._imu_stamps, begin_ns) - 1)
-        last = bisect.bisect_left(self._imu_stamps, end_ns)
-        samples = self._imu[first : last + 1]
-        stamps = np.array(self._imu_stamps[first : last + 1], np.int64)
-        values = np.hstack([np.array([s.gyro for s in samples]), np.array([s.accel for s in samples])])
-        inside = (stamps > begin_ns) & (stamps < end_ns)
-        ends = [_at(stamp_ns, stamps, values)[None] for stamp_ns in (begin_ns, end_ns)]
-        values = np.concatenate([ends[0], values[inside], ends[1]])
-        at = np.concatenate([[begin_ns], stamps[inside], [end_ns]]).astype(np.int64)
+        imu = self._imu.between(self.filter.stamp_ns, end_ns)
         turning, falling = self._earth_felt()
-        track = self.filter.predict(at, values[:, :3] - turning, values[:, 3:] - falling)
-        del self._imu[:first], self._imu_stamps[:first]
+        track = self.filter.predict(imu.stamps_ns, imu.gyro - turning, imu.accel - falling)
+        self._imu.forget_before(end_ns)
         return track
 
     def _earth_felt(self) -> tuple[Array, Array]:
@@ -317,12 +308,3 @@ class Odometry:
         state = self.filter.state
         rate = self.earth.rate_in_odom(-state.g / np.linalg.norm(state.g), state.T_map_odom)
         return state.R.T @ rate, state.R.T @ np.cross(2.0 * rate, state.v)
-
-
-def _at(stamp_ns: int, stamps: NDArray[np.int64], values: Array) -> Array:
-    """The row of ``values`` (n, k) at a time between their ``stamps`` (n,), interpolated; beyond them the nearest."""
-    after = int(np.searchsorted(stamps, stamp_ns))
-    if after == 0 or after == len(stamps):
-        return np.asarray(values[max(after - 1, 0)])
-    share = (stamp_ns - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
-    return np.asarray(values[after - 1] + share * (values[after] - values[after - 1]))

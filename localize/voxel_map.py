@@ -72,13 +72,14 @@ class VoxelMap:
         self._cells = np.zeros((capacity, kernels.CELL))
         self._added, self._hit = np.zeros(capacity, np.int64), np.empty(capacity, np.int64)
 
-    def insert(self, points: Array) -> float:
-        """Add points (n, 3) in the map frame; returns how new the map is where they are: the share (0 to 1) of a
-        voxel's points that came with this call, in the mean over the voxels with a shape that were hit."""
+    def insert(self, points: Array, T_map_points: Array) -> float:
+        """Add points (n, 3), which ``T_map_points`` (4, 4) takes into the map; returns how new the map is where they
+        are: the share (0 to 1) of a voxel's points that came with this call, in the mean over the voxels with a shape
+        that were hit."""
         self._make_room(len(points))
         self._used, share = insert(
-            points, 1.0 / self.size, self.max_points, _MIN_POINTS, int(self.shapes), self._table, self._cells,
-            self._used, self._added, self._hit,
+            points, *_rigid(T_map_points), 1.0 / self.size, self.max_points, _MIN_POINTS, int(self.shapes),
+            self._table, self._cells, self._used, self._added, self._hit,
         )  # fmt: skip
         return float(share)
 
@@ -133,13 +134,16 @@ class VoxelMap:
         A, b, B, C = np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty((6, 6))
         residuals, sigmas = np.empty((n, 2)), np.empty((n, 2))
         matched = point_to_shape(
-            points,
-            np.ascontiguousarray(T_map_imu[:3, :3]), np.ascontiguousarray(T_map_imu[:3, 3]),
-            np.ascontiguousarray(T_imu_lidar[:3, :3]), np.ascontiguousarray(T_imu_lidar[:3, 3]),
-            self.size, self._table, self._cells, noise.along, noise.across, gate, self._added,
+            points, *_rigid(T_map_imu), *_rigid(T_imu_lidar), self.size, self._table, self._cells,
+            noise.along, noise.across, gate, self._added,
             np.empty(n, np.int64), np.empty((2 * n, 8)), np.empty((2 * n, 6)), A, b, B, C, residuals, sigmas,
         )  # fmt: skip
         return ShapeMatch(A, b, B, C, residuals, sigmas, int(matched))
+
+
+def _rigid(T: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and translation (3,) of a transform, as the kernels want them."""
+    return np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
 
 
 def voxel_means(points: Array | NDArray[np.float32], size: float) -> Array:

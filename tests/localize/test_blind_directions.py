@@ -31,7 +31,7 @@ def matched(rng, state, bumps, moved=0.0, noise=0.02):
     state.T_odom_map = np.eye(4)
     state.map_centre = state.p.copy()
     voxels = VoxelMap(0.5, max_points=60)
-    voxels.insert(tunnel(rng, bumps) + noise * rng.normal(size=(30_000, 3)))
+    voxels.insert(tunnel(rng, bumps) + noise * rng.normal(size=(30_000, 3)), np.eye(4))
     seen = tunnel(rng, bumps, 30_000)[:1500] + noise * rng.normal(size=(1500, 3)) - moved * AXIS
     points = transform(inverse(state.T_odom_imu @ state.T_imu_lidar), seen)
     return ScanToMap([ScanPart(points, voxels)], NOISE, 8.0, 1.0, 30)

@@ -31,7 +31,7 @@ def test_planes_equal_numpy_covariances(rng):
     points = walls(rng)
     voxels = VoxelMap(1.0, max_points=10_000)
     for part in np.array_split(points, 7):
-        voxels.insert(part)
+        voxels.insert(part, np.eye(4))
     means, normals, variances = voxels.planes()
     assert len(means) > 20
     for mean, normal, variance in zip(means, normals, variances, strict=True):
@@ -49,7 +49,7 @@ def test_map_grows_past_its_first_tables(rng):
     voxels = VoxelMap(0.5, max_points=20)
     points = rng.uniform(-60, 60, size=(120_000, 3))
     for part in np.array_split(points, 12):
-        voxels.insert(part)
+        voxels.insert(part, np.eye(4))
     assert len(voxels) == len(np.unique(np.floor(points / 0.5).astype(int), axis=0))
 
 
@@ -75,7 +75,7 @@ def test_information_is_the_sum_over_points(rng, state, shapes):
     """A and b of the match equal HᵀWH and -HᵀWr built in numpy, for the pose, the extrinsic and the map's place."""
     world = walls(rng) if shapes is Shapes.PLANES else posts(rng)
     voxels = VoxelMap(1.0, max_points=10_000, shapes=shapes)
-    voxels.insert(world)
+    voxels.insert(world, np.eye(4))
     seen = world[rng.choice(len(world), 80, replace=False)] + rng.normal(size=(80, 3)) * 0.01
     T_lidar_map = inverse(inverse(state.T_odom_map) @ state.T_odom_imu @ state.T_imu_lidar)
     points = transform(T_lidar_map, seen)
@@ -112,7 +112,7 @@ def posts(rng, n=1500):
 
 def test_edges_lie_along_the_posts(rng):
     voxels = VoxelMap(1.0, max_points=10_000, shapes=Shapes.EDGES)
-    voxels.insert(posts(rng))
+    voxels.insert(posts(rng), np.eye(4))
     means, directions = voxels.edges()
     upright = np.hypot(means[:, 0] - 1.4, means[:, 1] - 2.6) < 0.1
     assert upright.sum() == 4 and len(means) == 8
@@ -124,7 +124,7 @@ def test_planes_and_edges_are_told_apart_by_the_ratio_of_paper_002(rng):
     voxels = VoxelMap(1.0, max_points=10_000, shapes=Shapes.PLANES_AND_EDGES)
     floor = np.column_stack([rng.uniform(0, 4, size=(4000, 2)), 0.5 + 0.01 * rng.normal(size=4000)])
     post = np.column_stack([np.full((900, 2), 1.5) + 0.01 * rng.normal(size=(900, 2)), rng.uniform(1.05, 3.95, 900)])
-    voxels.insert(np.concatenate([floor, post]))
+    voxels.insert(np.concatenate([floor, post]), np.eye(4))
     _, normals, _ = voxels.planes()
     _, directions = voxels.edges()
     assert len(normals) == 16 and (np.abs(normals[:, 2]) > 0.99).all()
@@ -141,7 +141,7 @@ def test_noise_of_the_map_is_what_wrong_planes_make_of_a_pose(rng, state):
     errors, noises = [], []
     for _ in range(120):
         voxels = VoxelMap(1.0, max_points=10_000)
-        voxels.insert(world[rng.choice(len(world), 400, replace=False)] + rng.normal(size=(400, 3)) * 0.03)
+        voxels.insert(world[rng.choice(len(world), 400, replace=False)] + rng.normal(size=(400, 3)) * 0.03, np.eye(4))
         points = transform(T_lidar_odom, world[rng.choice(len(world), 500, replace=False)])
         model = ScanToMap([ScanPart(points, voxels)], RangeNoise(1e-8, 1e-8), 1e3, 1.0, 30)
         info = model.linearize(state)
@@ -160,18 +160,18 @@ def test_new_share_of_the_map():
     grid = np.stack(np.meshgrid(np.arange(0, 4, 0.1), np.arange(0, 4, 0.1)), axis=-1).reshape(-1, 2) + 0.05
     floor = np.column_stack([grid, np.full(len(grid), 0.5)])
     voxels = VoxelMap(1.0, max_points=250)
-    assert voxels.insert(floor) == 1.0
-    np.testing.assert_allclose(voxels.insert(floor + 0.001), 0.5)
-    np.testing.assert_allclose(voxels.insert(floor + 0.002), 50 / 250)
-    assert voxels.insert(floor) == 0.0
+    assert voxels.insert(floor, np.eye(4)) == 1.0
+    np.testing.assert_allclose(voxels.insert(floor + 0.001, np.eye(4)), 0.5)
+    np.testing.assert_allclose(voxels.insert(floor + 0.002, np.eye(4)), 50 / 250)
+    assert voxels.insert(floor, np.eye(4)) == 0.0
 
 
 def test_the_far_half_is_forgotten_and_the_near_half_stays_as_it_was(rng):
     points = np.column_stack([rng.uniform(0, 100, 40_000), rng.uniform(0, 3, 40_000), 0.01 * rng.normal(size=40_000)])
     voxels, all_of_it = VoxelMap(0.5, max_points=60), VoxelMap(0.5, max_points=60)
     for part in np.array_split(points, 5):
-        voxels.insert(part)
-        all_of_it.insert(part)
+        voxels.insert(part, np.eye(4))
+        all_of_it.insert(part, np.eye(4))
     before = len(voxels)
     voxels.forget_far(np.array([100.0, 1.5, 0.0]), before)
     assert len(voxels) == before
@@ -186,7 +186,7 @@ def test_the_far_half_is_forgotten_and_the_near_half_stays_as_it_was(rng):
     np.testing.assert_array_equal(old_normals[kept], normals)
     np.testing.assert_array_equal(old_variances[kept], variances)
     # it goes on where it was: found again, and new voxels beside the old
-    added = voxels.insert(np.array([[99.9, 1.5, 0.0], [-5.0, 0.0, 0.0]]))
+    added = voxels.insert(np.array([[99.9, 1.5, 0.0], [-5.0, 0.0, 0.0]]), np.eye(4))
     assert 0.0 <= added <= 1.0 and len(voxels) == limit // 2 + 1
 
 
@@ -199,7 +199,9 @@ def test_too_few_matches_say_nothing(state):
 def test_a_plane_is_not_drawn_out_beyond_its_points(rng, state):
     """Points on one half of a voxel say nothing of the other half: the rock may bend there."""
     voxels = VoxelMap(1.0, max_points=10_000)
-    voxels.insert(np.column_stack([rng.uniform(0.0, 0.5, 400), rng.uniform(0.0, 1.0, 400), rng.normal(0.5, 0.01, 400)]))
+    voxels.insert(
+        np.column_stack([rng.uniform(0.0, 0.5, 400), rng.uniform(0.0, 1.0, 400), rng.normal(0.5, 0.01, 400)]), np.eye(4)
+    )
     across = np.column_stack([np.linspace(0.05, 0.95, 10), np.full(10, 0.5), np.full(10, 0.5)])
     found = voxels.match(across, np.eye(4), np.eye(4), noise=NOISE, gate=1e3)
     met = np.isfinite(found.residuals[:, 0])
