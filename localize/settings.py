@@ -45,7 +45,7 @@ class OdometrySettings(Settings):
     iterations: PositiveInt = 4
     gate: PositiveFloat = 4.0
     """Point-to-plane residuals beyond this many sigmas are left out."""
-    correlation: PositiveFloat = 4.0
+    correlation: PositiveFloat = 2.0
     """How many matched points share one error of the local map."""
     min_matches: PositiveInt = 30
     wheel_interval_s: PositiveFloat = 0.1

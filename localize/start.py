@@ -12,6 +12,7 @@ import numpy as np
 from localize.dust import Air
 from localize.earth import Earth
 from localize.filter import ErrorStateFilter, start_covariance
+from localize.first_motion import first_velocity
 from localize.odometry import Odometry, OdometryPose
 from localize.rest import MOVED_M, still_seconds
 from localize.settings import DenoiseSettings, KeyframeSettings, OdometrySettings, PrismSettings
@@ -94,9 +95,7 @@ class StartingOdometry:
         R = rotation_between(np.mean([sample.accel for sample in imu], axis=0), _UP)
         velocity_std = self._velocity_std(held)
         at_rest = velocity_std < self.settings.start_velocity_std
-        v, speed = np.zeros(3), _first_speed(held)
-        if speed is not None and self.rig.wheel is not None and not at_rest:
-            v = R @ self.rig.wheel.T_imu_wheel[:3, 0] * speed
+        v = np.zeros(3) if at_rest else R @ self._first_velocity(held)
         poses: list[OdometryPose] = []
         for _ in range(_PASSES):
             start = self._filter(R, v, imu[0].stamp_ns, velocity_std)
@@ -112,6 +111,16 @@ class StartingOdometry:
         # dust looks alike from everywhere
         still_s = still_seconds([m.part(Air(m.points).clear) for m in held if isinstance(m, Scan)])
         return min(self.settings.start_velocity_std, MOVED_M / max(still_s, 1e-9))
+
+    def _first_velocity(self, held: list[Measurement]) -> Array:
+        """A first guess (3,) of the velocity in the axes of the imu [m/s]: the wheel's, else that between scans."""
+        speed = next((m.speed for m in held if isinstance(m, WheelSpeed)), None)
+        if speed is not None and self.rig.wheel is not None:
+            return self.rig.wheel.T_imu_wheel[:3, 0] * speed
+        found = None
+        if self.rig.lidar is not None:
+            found = first_velocity([m for m in held if isinstance(m, Scan)], self.rig.lidar.T_imu_lidar)
+        return np.zeros(3) if found is None else found
 
     def _refined(self, R: Array, v: Array, poses: list[OdometryPose], imu: list[ImuSample]) -> tuple[Array, Array]:
         """Start attitude and velocity that the first stretch ended up with, carried back to its beginning."""
@@ -167,7 +176,3 @@ def _increasing(held: list[Measurement]) -> list[ImuSample]:
 
 def _usable(m: Measurement, begin_ns: int) -> bool:
     return not isinstance(m, Scan) or m.stamp_ns + int(m.offsets_ns.min(initial=0)) >= begin_ns
-
-
-def _first_speed(held: list[Measurement]) -> float | None:
-    return next((m.speed for m in held if isinstance(m, WheelSpeed)), None)
