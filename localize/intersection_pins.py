@@ -1,0 +1,115 @@
+"""Intersections pin the track: keyframes are looked at, what they saw is judged, and the verdicts are followed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from localize.beside import RecognitionBeside
+from localize.hypotheses import carried
+from localize.journal import Journal
+from localize.keyframes import Keyframe
+from localize.matcher import IntersectionMatcher, Place, Sight
+from localize.recognition import Recognition, Verdict
+from localize.results import Event
+from localize.settings import LocalizeSettings
+from localize.track import Track
+from semmap.geometry import Array, inverse
+
+
+class IntersectionPins:
+    """From keyframes to pose factors by intersections of the map.
+
+    Parameters
+    ----------
+    matcher : recognises them. shift : (3,) origin that the track's numbers are relative to.
+    """
+
+    def __init__(
+        self, matcher: IntersectionMatcher, settings: LocalizeSettings, track: Track, journal: Journal, shift: Array
+    ) -> None:
+        self._track, self._journal, self._shift = track, journal, shift
+        self._recognition = Recognition(settings.proof)
+        self._beside = RecognitionBeside(matcher, settings.matcher.lag_scans)
+        self._judged = -1
+        """The last keyframe of the leg of which it is known what it saw."""
+
+    def begin_leg(self) -> None:
+        """The odometry begins anew, wherever the robot is."""
+        self._recognition.forget()
+        self._beside.forget()
+        self._judged = -1
+
+    def look(self, keyframes: Sequence[Keyframe]) -> None:
+        """Have the last of some keyframes looked at, in view of where the robot is, or may be, as far as is known."""
+        track = self._track
+        others = [track.at] if track.at is not None else self._recognition.hypotheses.expected
+        if track.at is None:
+            for index in range(self._judged + 1, len(track.graph)):
+                others = [carried(at, *track.graph.link(index)) for at in others]
+        self._beside.look(keyframes, track.at, others, self._journal.counts["scans"])
+
+    def judge(self) -> bool:
+        """Decide what keyframes saw whose time has come; whether that pinned the track."""
+        return self._judge(self._beside.due(self._journal.counts["scans"]))
+
+    def finish(self) -> None:
+        """Decide what all keyframes saw, and end."""
+        self._judge(self._beside.due())
+        self._beside.close()
+
+    def _judge(self, looks: list[tuple[Keyframe, list[Sight]]]) -> bool:
+        track, pinned = self._track, False
+        for keyframe, sights in looks:
+            self._journal.counts["intersections_seen"] += len(sights)
+            self._judged = keyframe.index - track.leg.first_keyframe
+            if self._judged > 0:
+                self._recognition.hypotheses.carry(*track.graph.link(self._judged))
+            for sight in sights:
+                expected = track.expected(keyframe.index - track.leg.first_keyframe)
+                verdict = self._recognition.judge(sight, expected)
+                stamp_ns = track.leg.odometry[-1][0]
+                told = {**verdict.event, "stamp_ns": stamp_ns}
+                self._journal.events.append({**told, "pins": [self._told(pin) for pin in verdict.pins]})
+                self._follow(verdict, stamp_ns)
+                pinned |= bool(verdict.pins)
+        return pinned
+
+    def _told(self, pin: Place) -> Event:
+        """A pin for the events."""
+        p_map = (pin.T_map_imu[:3, 3] + self._shift).round(3).tolist()
+        stamp_ns, _ = self._track.keyframes[pin.keyframe - self._track.leg.first_keyframe]
+        return {"stamp_ns": stamp_ns, "keyframe": pin.keyframe, "id": pin.intersection, "p_map": p_map}
+
+    def _follow(self, verdict: Verdict, stamp_ns: int) -> None:
+        """Do what a verdict says."""
+        if verdict.elsewhere:
+            self._leave_track(verdict.pins, stamp_ns)
+        if verdict.pins:
+            self._pin(verdict.pins, stamp_ns)
+            self._journal.enter("tracking", stamp_ns, "intersection proven")
+        elif verdict.doubt and self._journal.state == "tracking":
+            self._journal.enter("suspect", stamp_ns, verdict.doubt)
+
+    def _leave_track(self, pins: tuple[Place, ...], stamp_ns: int) -> None:
+        """The robot is proven to be elsewhere: the track ended somewhere, or was wrong if one intersection made it."""
+        self._journal.enter("lost", stamp_ns, "the robot is proven to be elsewhere")
+        before = self._track.leave(pins[0].keyframe)
+        self._judged -= self._track.leg.first_keyframe - before.first_keyframe
+        if len(before.pinned) < 2:
+            self._journal.counts["pins"] -= before.graph.pins
+            self._journal.recognised -= before.pinned
+            before.graph.unanchor()
+
+    def _pin(self, pins: tuple[Place, ...], stamp_ns: int) -> None:
+        track, leg, last = self._track, self._track.leg, pins[-1]
+        if not track.graph.anchored:
+            _, T_odom_imu = leg.keyframes[last.keyframe - leg.first_keyframe]
+            track.anchor(last.T_map_imu @ inverse(T_odom_imu), stamp_ns, "intersection")
+        for pin in pins:
+            index = pin.keyframe - leg.first_keyframe
+            leg.graph.pin_intersection(index, pin.intersection, pin.T_map_intersection, pin.T_map_imu, pin.covariance)
+            leg.last_pin_ns = max(leg.last_pin_ns, leg.keyframes[index][0])
+            leg.pinned.add(pin.intersection)
+            self._journal.recognised.add(pin.intersection)
+            self._journal.counts["pins"] += 1
+        track.solve()
