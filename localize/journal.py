@@ -22,6 +22,7 @@ class Journal:
             "scans": 0,
             "keyframes": 0,
             "intersections_seen": 0,
+            "intersections_found": 0,
             "pins": 0,
             "range_doubts": 0,
         }

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from localize.breaks import BreakWatch
 from localize.frames import going_on, round_origin, shifted
@@ -14,8 +16,10 @@ from localize.hypotheses import carried
 from localize.intersection_pins import IntersectionPins
 from localize.journal import Journal
 from localize.keyframes import Keyframes
+from localize.known import MapIntersections
 from localize.legs import joined, trajectory
 from localize.links import LinkCovariances
+from localize.loops import LoopPins
 from localize.matcher import IntersectionMatcher
 from localize.odometry import OdometryPose
 from localize.results import LocalizationResult, State, Update
@@ -36,8 +40,10 @@ class Localizer:
     Parameters
     ----------
     rig : the sensors; blocks that are absent are not used.
-    semantic_map : the database, or None for odometry (with UWB or a total station in the rig: in the map all the same).
+    semantic_map : the database; None: the intersections found on the way are, and with UWB or a total station in the
+        rig it is in the map all the same.
     settings : `LocalizeSettings`.
+    on_keyframe : called with the stamp of each keyframe [ns] and all of its points (n, 3), deskewed, in the imu frame.
 
     What enters where, each measurement once:
 
@@ -53,14 +59,20 @@ class Localizer:
     prism fix       one in half a second,   the others, likewise; where the machine
                     once the map is known;  knows north standing, its heading
                     until then: it stands
-    intersection    -                       pose from ICP to the database's cloud
+    intersection    -                       pose from ICP to the database's cloud, or
+                                            to that of its first passage
     ==============  ======================  ==========================================
     """
 
     def __init__(
-        self, rig: Rig, semantic_map: SemanticMap | None = None, settings: LocalizeSettings | None = None
+        self,
+        rig: Rig,
+        semantic_map: SemanticMap | None = None,
+        settings: LocalizeSettings | None = None,
+        *,
+        on_keyframe: Callable[[int, NDArray[np.float32]], None] | None = None,
     ) -> None:
-        self.rig, self.settings = rig, settings or LocalizeSettings()
+        self.rig, self.settings, self._on_keyframe = rig, settings or LocalizeSettings(), on_keyframe
         self._shift = round_origin(rig, semantic_map)
         self._journal = Journal()
         bias_std = rig.uwb.bias_std if rig.uwb else 0.0
@@ -69,17 +81,24 @@ class Localizer:
         self._breaks = BreakWatch(self.settings.breaks)
         self._watch = ModeWatch(self.settings, lidar=rig.lidar is not None)
         self._sightings = SightingPins(rig, self.settings, self._track, self._journal, self._watch, self._shift)
-        self._intersections: IntersectionPins | None = None
-        if semantic_map is not None:
-            matcher = IntersectionMatcher(semantic_map, self.settings, self._shift)
-            self._intersections = IntersectionPins(matcher, self.settings, self._track, self._journal, self._shift)
+        self._intersections = self._intersection_pins(semantic_map)
         self._referenced = semantic_map is not None or rig.uwb is not None or rig.total_station is not None
+        self._own_frame = not self._referenced and self._intersections is not None
+        """Whether the run is in a frame of its own that loops correct."""
         self._past: Counter[str] = Counter()
         """What the odometries that broke off counted."""
         self._T_odom_leg = np.eye(4)
         self._odometry_track: list[tuple[int, Array]] = []
         self._realtime_track: list[tuple[int, Array]] = []
         self._begin_leg()
+
+    def _intersection_pins(self, semantic_map: SemanticMap | None) -> IntersectionPins | None:
+        s = self.settings
+        if semantic_map is not None:
+            matcher = IntersectionMatcher(MapIntersections(semantic_map, self._shift), s)
+            return IntersectionPins(matcher, s, self._track, self._journal, self._shift)
+        loops = s.loops.close and self.rig.lidar is not None
+        return LoopPins(s, self._track, self._journal, self._shift) if loops else None
 
     def add(self, measurement: Measurement) -> Update | None:
         """Take one measurement in, in order of arrival; returns an update when a scan was completed by it."""
@@ -110,7 +129,7 @@ class Localizer:
         if pose.keyframe:
             self._add_keyframe(pose)
             if self._intersections is not None:
-                self._intersections.look(self._keyframes.last)
+                self._intersections.look(self._keyframes)
         if self._intersections is not None and self._intersections.judge():
             self._sightings.share_place()
         self._sightings.take(pose)
@@ -131,8 +150,8 @@ class Localizer:
         odometry = trajectory("odom", self._odometry_track)
         frame = "map" if self._referenced else "odom"
         final = odometry
-        if self._referenced:
-            final = joined([leg.smoothed() for leg in self._track.legs], "map")
+        if self._referenced or self._own_frame:
+            final = joined([leg.smoothed() for leg in self._track.legs], frame)
             final = replace(final, poses=shifted(final.poses, self._shift))
         return LocalizationResult(
             final, trajectory(frame, self._realtime_track), odometry, tuple(self._journal.events), self._summary(),
@@ -173,8 +192,12 @@ class Localizer:
         self._journal.counts["scans"] += 1
 
     def _add_keyframe(self, pose: OdometryPose) -> None:
+        if self._on_keyframe is not None:
+            self._on_keyframe(pose.stamp_ns, pose.points)
         self._track.add_keyframe(self._keyframes.add(pose), pose, self._links.of(pose))
         self._links.keyframe(pose)
+        if self._own_frame and len(self._track.graph) == len(self._track.legs) == 1:
+            self._track.stay()
 
     def _note_mode(self, pose: OdometryPose) -> None:
         engine = self._odometry.odometry
@@ -196,14 +219,17 @@ class Localizer:
         state: State = self._journal.state
         if self._breaks.strayed and state == "tracking":
             state = "suspect"
-        T_map_imu = covariance = None
-        if not self._referenced:
+        if not self._referenced and not self._own_frame:
             self._realtime_track.append((pose.stamp_ns, T_odom_imu))
-        elif at is not None and state == "tracking":
-            now = at if pose.keyframe else carried(at, pose.T_keyframe_imu, self._links.of(pose))
-            T_map_imu, covariance = shifted(now.T_map_imu[None], self._shift)[0], now.covariance
-            self._realtime_track.append((pose.stamp_ns, T_map_imu))
-        return Update(pose.stamp_ns, T_odom_imu, T_map_imu, covariance, state)
+            return Update(pose.stamp_ns, T_odom_imu, None, None, state)
+        if at is None or (self._referenced and state != "tracking"):
+            return Update(pose.stamp_ns, T_odom_imu, None, None, state)
+        now = at if pose.keyframe else carried(at, pose.T_keyframe_imu, self._links.of(pose))
+        T_map_imu = shifted(now.T_map_imu[None], self._shift)[0]
+        self._realtime_track.append((pose.stamp_ns, T_map_imu))
+        if self._own_frame:
+            return Update(pose.stamp_ns, T_odom_imu, None, None, state, T_map_imu)
+        return Update(pose.stamp_ns, T_odom_imu, T_map_imu, now.covariance, state)
 
     def _odometry_counts(self) -> Counter[str]:
         """What the present odometry counted."""
@@ -227,5 +253,5 @@ class Localizer:
             "odometry_breaks": counted["odometry_breaks"],
             "unknown_anchors": sorted(self._sightings.unknown_anchors),
             "state": self._journal.state,
-            "anchored": any(leg.graph.anchored for leg in self._track.legs),
+            "anchored": self._referenced and any(leg.graph.anchored for leg in self._track.legs),
         }

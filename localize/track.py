@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from localize.graph import PoseGraph
 from localize.hypotheses import carried
 from localize.journal import Journal
@@ -10,7 +12,9 @@ from localize.legs import Leg
 from localize.matcher import Expected
 from localize.odometry import OdometryPose
 from localize.settings import GraphSettings
-from semmap.geometry import Array, inverse
+from semmap.geometry import Array, inverse, rotation_between, se3
+
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 class Track:
@@ -66,6 +70,12 @@ class Track:
         if self.at is None or index == len(self.graph) - 1:
             return self.at
         return Expected(self.graph.pose(index), self.graph.covariance(index))
+
+    def stay(self) -> None:
+        """Without a map, odom is the frame, made level: the leg's place is where it is."""
+        assert self.newest is not None
+        self.graph.anchor(se3(rotation_between(self.newest.up_odom, _UP), np.zeros(3)), known=True)
+        self.solve()
 
     def anchor(self, T_map_odom: Array, stamp_ns: int, by: str) -> None:
         """Give the leg its first place in the map; pins must follow before `solve`."""
