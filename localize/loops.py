@@ -15,6 +15,7 @@ from localize.keyframes import Keyframes
 from localize.known import Found
 from localize.matcher import Expected, Looked, Place, Sight
 from localize.recognition import Verdict
+from localize.results import Event
 from localize.settings import LocalizeSettings
 from localize.track import Track
 from semmap.geometry import Array, adjoint, inverse
@@ -73,9 +74,16 @@ class LoopPins(IntersectionPins):
         for found, T_map_cloud in looked.found:
             self._add(found)
             p_map = (T_map_cloud[:3, 3] + self._shift).round(3).tolist()
+            seen_ns, _ = self._track.keyframes[found.keyframe - self._track.leg.first_keyframe]
+            seen = {"keyframe_ns": seen_ns, "p_imu": found.T_imu_intersection[:3, 3].round(3).tolist()}
             id, kind = found.intersection.id, found.intersection.kind
-            self._journal.event(stamp_ns, "intersection_found", id=id, type=kind, p_map=p_map)
+            self._journal.event(stamp_ns, "intersection_found", id=id, type=kind, p_map=p_map, **seen)
             self._journal.counts["intersections_found"] += 1
+
+    def _told(self, pin: Place) -> Event:
+        """With where the intersection is from the keyframe: the same point of the mine whenever it is right."""
+        p_imu = (inverse(pin.T_map_imu) @ pin.T_map_intersection)[:3, 3]
+        return {**super()._told(pin), "p_imu": p_imu.round(3).tolist()}
 
     def _add(self, found: Found) -> None:
         leg, graph = self._track.leg, self._track.graph

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from localize import LocalizationResult, Localizer
 from maps.accumulate import AccumulatedCloud, ScanMapSettings
-from maps.las import save_laz_blocks
+from maps.las import las_extent, save_laz_blocks
 from semmap.errors import RecordingError, RigError, SettingsError
 from semmap.geometry import Array, transform
 from semmap.recordings import read_recording
@@ -69,19 +69,19 @@ def map_recording(
     if not len(result.trajectory):
         mend = "leave UWB and total station out for a map in a frame of its own: --without uwb,prism"
         raise RecordingError("never found its place", file=recording, mend=mend)
-    placing = _Placing(result, settings.scan_map)
+    scan_map = ScanMap(result, settings.scan_map)
     with progress_bar("mapping") as progress:
         odometry_alone = localize_settings(settings.localize, ["intersections"])
-        localizer = Localizer(rig, None, odometry_alone, on_keyframe=placing.add)
+        localizer = Localizer(rig, None, odometry_alone, on_keyframe=scan_map.add)
         stream(localizer, read_recording(recording, rig, progress=progress))
         localizer.finish()
-    points = placing.save(out)
+    save_laz_blocks(out, scan_map.blocks(), scan_map.origin)
     semantic_map = build_database([out], database, settings) if database is not None else None
     found = None if semantic_map is None else len(semantic_map)
-    return MadeMap(placing.keyframes, points, result.summary["pins"], found)
+    return MadeMap(scan_map.keyframes, las_extent(out).rows, result.summary["pins"], found)
 
 
-class _Placing:
+class ScanMap:
     """Puts keyframes' points where the localized recording says they belong."""
 
     def __init__(self, result: LocalizationResult, settings: ScanMapSettings) -> None:
@@ -99,18 +99,9 @@ class _Placing:
         self._cloud.add(transform(self._trajectory.poses[row], near.astype(np.float64)))
         self.keyframes += 1
 
-    def save(self, out: Path) -> int:
-        """Write the map; returns the number of its points."""
-        count = 0
-
-        def counted() -> Iterator[Array]:
-            nonlocal count
-            for block in self._cloud.blocks(self.settings.least_points):
-                count += len(block)
-                yield block
-
-        save_laz_blocks(out, counted(), self.origin)
-        return count
+    def blocks(self) -> Iterator[Array]:
+        """The map's points (n, 3) [m], some at a time."""
+        return self._cloud.blocks(self.settings.least_points)
 
 
 def outcome(made: MadeMap) -> str:
