@@ -16,7 +16,9 @@ def rng():
 
 def means_by_voxel(points, voxel):
     """The oracle: voxel -> mean, count."""
-    keys, owner, count = np.unique(np.floor(points / voxel).astype(int), axis=0, return_inverse=True, return_counts=True)
+    keys, owner, count = np.unique(
+        np.floor(points / voxel).astype(int), axis=0, return_inverse=True, return_counts=True
+    )
     means = np.stack([np.bincount(owner.ravel(), points[:, k]) for k in range(3)], axis=1) / count[:, None]
     return keys, means, count
 
