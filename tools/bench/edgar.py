@@ -5,7 +5,8 @@
 
 The recording is that of `tools.bench.odometry --recording mesh`: LiDAR and IMU, no wheel. With the map errors are in
 the map frame without any alignment; without, after the best SE(3) fit. A pin is false if it puts its keyframe more than
-0.3 m off. A pass is constrained if the intersection pins a keyframe within 12 m of it.
+0.3 m off. A pass is constrained if the intersection pins a keyframe within 12 m of it. Without a map the intersections
+found on the way close loops; a view is false if it puts its intersection more than 0.3 m from where it was seen first.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from semmap.rig import Rig
 from semmap.trajectory import Trajectory
 from tools.bench.odometry_cache import Recorded
 from tools.bench.odometry_recordings import recorded
+from tools.bench.own_map import loops_of
 from tools.files import write_text
 from tools.metrics import Pairs, associate, best_alignment, rep
 from tools.progress import progress_bar
@@ -99,22 +101,21 @@ def measurements(flight: Recorded, first: int = 0) -> Iterator[Measurement]:
         yield Scan(scan.stamp_ns, points, offsets_ns, ring)
 
 
-def _localizer(flight: Recorded, there: SemanticMap) -> Localizer:
+def _localizer(flight: Recorded, there: SemanticMap | None) -> Localizer:
     return Localizer(Rig.model_validate(flight.about["rig"]), there)
 
 
 def _tell_flight(flight: Recorded, there: SemanticMap, out: Path) -> None:
-    """The whole flight: tables on the terminal, all figures in ``edgar.json``."""
-    localizer, costs = _localizer(flight, there), []
-    for measurement in measurements(flight):
-        began = time.perf_counter()
-        if localizer.add(measurement) is not None:
-            costs.append(1e3 * (time.perf_counter() - began))
-    result, truth = localizer.finish(), Trajectory("map", *flight.truth())
+    """The whole flight, with the map and without: tables on the terminal, all figures in ``edgar.json``."""
+    truth = Trajectory("map", *flight.truth())
+    result, costs = _flown(_localizer(flight, there), flight)
+    alone, costs_alone = _flown(_localizer(flight, None), flight)
     rows = {
         "with map": _figures(associate(result.trajectory, truth)),
         "with map, real time": _figures(associate(result.realtime, truth)),
-        "without map": _figures(_aligned(associate(result.odometry, truth))),
+        "without map": _figures(_aligned(associate(alone.trajectory, truth))),
+        "without map, real time": _figures(_aligned(associate(alone.realtime, truth))),
+        "odometry": _figures(_aligned(associate(alone.odometry, truth))),
     }
     passed, since = passes(result, there, truth), since_pin(result, truth)
     console = Console()
@@ -122,9 +123,25 @@ def _tell_flight(flight: Recorded, there: SemanticMap, out: Path) -> None:
     console.print(text_table(head, map(_cells, rows.items())))
     console.print(text_table(("m since the last pin", "poses", "RMSE m", "max m"), map(_bin_cells, since)))
     console.print(f"{asdict(passed)}  ms a scan: {np.percentile(costs, [50, 95, 100]).round(1).tolist()}")
+    loops = loops_of(alone, truth)
+    console.print(f"without map: {asdict(loops)}, {alone.summary['intersections_found']} intersections")
+    console.print(f"ms a scan: {np.percentile(costs_alone, [50, 95, 100]).round(1).tolist()}")
     console.print(str([event for event in result.events if event["kind"] in ("state", "odometry_broken")]))
-    figures = {"errors": rows, "passes": asdict(passed), "since_pin": since, "summary": result.summary}
+    figures = {
+        "errors": rows, "passes": asdict(passed), "since_pin": since, "summary": result.summary,
+        "loops": asdict(loops), "summary_without_map": alone.summary,
+    }  # fmt: skip
     write_text(out / "edgar.json", json.dumps(figures, indent=1) + "\n")
+
+
+def _flown(localizer: Localizer, flight: Recorded) -> tuple[LocalizationResult, list[float]]:
+    """The result, and what each scan cost [ms]."""
+    costs = []
+    for measurement in measurements(flight):
+        began = time.perf_counter()
+        if localizer.add(measurement) is not None:
+            costs.append(1e3 * (time.perf_counter() - began))
+    return localizer.finish(), costs
 
 
 def _figures(pairs: Pairs) -> dict[str, Any]:
