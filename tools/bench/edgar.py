@@ -23,18 +23,22 @@ import numpy as np
 from rich.console import Console
 
 from localize import LocalizationResult, Localizer
+from maps.build import build_semantic_map
+from maps.prior_map import PriorMap
 from semmap import database
-from semmap.geometry import Array
+from semmap.geometry import Array, transform
 from semmap.intersections import SemanticMap
 from semmap.measurements import ImuSample, Measurement, Scan
 from semmap.rig import Rig
 from semmap.trajectory import Trajectory
 from tools.bench.odometry_cache import Recorded
 from tools.bench.odometry_recordings import recorded
-from tools.bench.own_map import loops_of
+from tools.bench.own_map import loops_of, scan_map_points, surface_errors
 from tools.files import write_text
 from tools.metrics import Pairs, associate, best_alignment, rep
 from tools.progress import progress_bar
+from tools.run import process_facts
+from tools.simulator import Mine, load_mesh
 from tools.tables import text_table
 
 FALSE_M = 0.3
@@ -89,7 +93,7 @@ def main() -> None:
     if options.starts:
         _tell_starts(starts(flight, there, options.starts, options.metres_at_most), options.out)
     else:
-        _tell_flight(flight, there, options.out)
+        _tell_flight(flight, there, None if options.mesh is None else load_mesh(options.mesh), options.out)
 
 
 def measurements(flight: Recorded, first: int = 0) -> Iterator[Measurement]:
@@ -105,7 +109,7 @@ def _localizer(flight: Recorded, there: SemanticMap | None) -> Localizer:
     return Localizer(Rig.model_validate(flight.about["rig"]), there)
 
 
-def _tell_flight(flight: Recorded, there: SemanticMap, out: Path) -> None:
+def _tell_flight(flight: Recorded, there: SemanticMap, mine: Mine | None, out: Path) -> None:
     """The whole flight, with the map and without: tables on the terminal, all figures in ``edgar.json``."""
     truth = Trajectory("map", *flight.truth())
     result, costs = _flown(_localizer(flight, there), flight)
@@ -131,7 +135,21 @@ def _tell_flight(flight: Recorded, there: SemanticMap, out: Path) -> None:
         "errors": rows, "passes": asdict(passed), "since_pin": since, "summary": result.summary,
         "loops": asdict(loops), "summary_without_map": alone.summary,
     }  # fmt: skip
+    if mine is not None:
+        figures["own_map"] = _own_map(flight, alone, truth, mine)
+        console.print(f"map of the flight without map: {figures['own_map']}")
     write_text(out / "edgar.json", json.dumps(figures, indent=1) + "\n")
+
+
+def _own_map(flight: Recorded, alone: LocalizationResult, truth: Trajectory, mine: Mine) -> dict[str, float]:
+    """What `semmap map` makes of the flight: points, how far they are from the rock [m], intersections found in it."""
+    points = scan_map_points(Rig.model_validate(flight.about["rig"]), measurements(flight), alone)
+    off = surface_errors(mine, transform(best_alignment(associate(alone.trajectory, truth)), points))
+    found = build_semantic_map(PriorMap(points.astype(np.float32), np.zeros(3)))
+    return {
+        "points": len(points), "surface_median": float(np.median(off)), "surface_p95": float(np.percentile(off, 95)),
+        "intersections": len(found), "peak_memory_mb": process_facts()["peak_memory_mb"],
+    }  # fmt: skip
 
 
 def _flown(localizer: Localizer, flight: Recorded) -> tuple[LocalizationResult, list[float]]:

@@ -65,7 +65,7 @@ def _row(name: str, seed: str, without: list[str], seconds: float | None) -> lis
     rig = flight.rig.without(*without)
     result = _localized(Localizer(rig), measurements)
     fit = best_alignment(associate(result.trajectory, truth))
-    points = np.concatenate(list(_scan_map(rig, measurements, result).blocks()))
+    points = scan_map_points(rig, measurements, result)
     semantic_map = build_semantic_map(PriorMap(points.astype(np.float32), np.zeros(3)))
     off = surface_errors(mine, transform(fit, points))
     loops = loops_of(result, truth)
@@ -89,11 +89,12 @@ def _localized(localizer: Localizer, measurements: Iterable[Measurement]) -> Loc
     return localizer.finish()
 
 
-def _scan_map(rig: Rig, measurements: Iterable[Measurement], result: LocalizationResult) -> ScanMap:
+def scan_map_points(rig: Rig, measurements: Iterable[Measurement], result: LocalizationResult) -> Array:
+    """The points (n, 3) of the map that a localized recording makes, in the run's own frame, as by `semmap map`."""
     scan_map = ScanMap(result, ScanMapSettings())
     alone = LocalizeSettings(loops=LoopSettings(close=False))
     _localized(Localizer(rig, None, alone, on_keyframe=scan_map.add), measurements)
-    return scan_map
+    return np.concatenate(list(scan_map.blocks()))
 
 
 def _backwards(mine: Mine) -> Array:
