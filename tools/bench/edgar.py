@@ -2,11 +2,14 @@
 
     python -m tools.bench.edgar --map MINE.h5 --mesh MINE.ply --route WAYPOINTS.csv --cache DIR --out DIR
     python -m tools.bench.edgar … --starts 100
+    python -m tools.bench.edgar … --beside loam=loam.npz kiss-slam=kiss_slam.npz
 
 The recording is that of `tools.bench.odometry --recording mesh`: LiDAR and IMU, no wheel. With the map errors are in
 the map frame without any alignment; without, after the best SE(3) fit. A pin is false if it puts its keyframe more than
 0.3 m off. A pass is constrained if the intersection pins a keyframe within 12 m of it. Without a map the intersections
 found on the way close loops; a view is false if it puts its intersection more than 0.3 m from where it was seen first.
+Beside them stand the poses that `tools.bench.odometry_run`, `tools.bench.scan_context_loops` and `tools.bench.slam_run`
+wrote of other systems, after the best SE(3) fit.
 """
 
 from __future__ import annotations
@@ -43,6 +46,7 @@ from tools.tables import text_table
 
 FALSE_M = 0.3
 PASS_M, REACH_M = 4.0, 12.0
+_HEAD = ("", "max m", "RMSE m", *(f"REP-{k} %" for k in range(1, 6)))
 BINS_M = (0.0, 10.0, 25.0, 50.0, 100.0, 200.0, 400.0)
 
 
@@ -81,6 +85,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--starts", type=int, default=0, help="random starts instead of the whole flight")
     parser.add_argument("--metres-at-most", type=float, default=400.0, help="flown from each start")
+    parser.add_argument("--beside", nargs="+", default=[], metavar="NAME=FILE", help="only rows of other systems")
     parser.add_argument("--out", type=Path, default=Path("bench_edgar"))
     options = parser.parse_args()
     with progress_bar("simulating") as advance:
@@ -90,7 +95,9 @@ def main() -> None:
         )  # fmt: skip
     there = database.load(options.map)
     options.out.mkdir(parents=True, exist_ok=True)
-    if options.starts:
+    if options.beside:
+        _tell_others(dict(pair.split("=", 1) for pair in options.beside), Trajectory("map", *flight.truth()))
+    elif options.starts:
         _tell_starts(starts(flight, there, options.starts, options.metres_at_most), options.out)
     else:
         _tell_flight(flight, there, None if options.mesh is None else load_mesh(options.mesh), options.out)
@@ -123,8 +130,7 @@ def _tell_flight(flight: Recorded, there: SemanticMap, mine: Mine | None, out: P
     }
     passed, since = passes(result, there, truth), since_pin(result, truth)
     console = Console()
-    head = ("", "max m", "RMSE m", *(f"REP-{k} %" for k in range(1, 6)))
-    console.print(text_table(head, map(_cells, rows.items())))
+    console.print(text_table(_HEAD, map(_cells, rows.items())))
     console.print(text_table(("m since the last pin", "poses", "RMSE m", "max m"), map(_bin_cells, since)))
     console.print(f"{asdict(passed)}  ms a scan: {np.percentile(costs, [50, 95, 100]).round(1).tolist()}")
     loops = loops_of(alone, truth)
@@ -139,6 +145,15 @@ def _tell_flight(flight: Recorded, there: SemanticMap, mine: Mine | None, out: P
         figures["own_map"] = _own_map(flight, alone, truth, mine)
         console.print(f"map of the flight without map: {figures['own_map']}")
     write_text(out / "edgar.json", json.dumps(figures, indent=1) + "\n")
+
+
+def _tell_others(files: dict[str, str], truth: Trajectory) -> None:
+    """Rows of what other systems made of the flight."""
+    rows = {}
+    for name, file in files.items():
+        found = np.load(file)
+        rows[name] = _figures(_aligned(associate(Trajectory("odom", found["stamps_ns"], found["poses"]), truth)))
+    Console().print(text_table(_HEAD, map(_cells, rows.items())))
 
 
 def _own_map(flight: Recorded, alone: LocalizationResult, truth: Trajectory, mine: Mine) -> dict[str, float]:
