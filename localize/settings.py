@@ -291,3 +291,7 @@ class LocalizeSettings(Settings):
     breaks: BreakSettings = Field(default_factory=BreakSettings)
     loops: LoopSettings = Field(default_factory=LoopSettings)
     graph: GraphSettings = Field(default_factory=GraphSettings)
+
+    def without_loops(self) -> LocalizeSettings:
+        """The same, but that intersections found on the way do not correct the track."""
+        return self.model_copy(update={"loops": LoopSettings(close=False)})

@@ -71,8 +71,7 @@ def map_recording(
         raise RecordingError("never found its place", file=recording, mend=mend)
     scan_map = ScanMap(result, settings.scan_map)
     with progress_bar("mapping") as progress:
-        odometry_alone = localize_settings(settings.localize, ["intersections"])
-        localizer = Localizer(rig, None, odometry_alone, on_keyframe=scan_map.add)
+        localizer = Localizer(rig, None, settings.localize.without_loops(), on_keyframe=scan_map.add)
         stream(localizer, read_recording(recording, rig, progress=progress))
         localizer.finish()
     save_laz_blocks(out, scan_map.blocks(), scan_map.origin)

@@ -26,7 +26,7 @@ from localize import LiveLocalizer, LocalizationResult, Localizer
 from localize.clock_offset import ClockOffset
 from localize.compilation import kernels_compiled
 from localize.results import Uncertainty
-from localize.settings import LocalizeSettings, LoopSettings
+from localize.settings import LocalizeSettings
 from semmap import database
 from semmap.errors import RigError, SettingsError
 from semmap.measurements import Measurement, PrismFix, Scan
@@ -113,7 +113,7 @@ def localize_recording(
 
 def localize_settings(settings: LocalizeSettings, without: Sequence[str]) -> LocalizeSettings:
     """The settings, without loops where intersections shall be left out."""
-    return settings.model_copy(update={"loops": LoopSettings(close=False)}) if "intersections" in without else settings
+    return settings.without_loops() if "intersections" in without else settings
 
 
 def _with_prism_file(

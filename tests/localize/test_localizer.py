@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from localize import Localizer, LocalizeSettings
-from localize.settings import LoopSettings
 from maps.build import build_semantic_map
 from maps.prior_map import PriorMap
 from semmap.errors import DatabaseError
@@ -152,7 +151,7 @@ def test_total_station_alone_finds_the_map():
 
 def test_without_any_reference_the_frame_is_odom():
     it, measurements = flight("demo", 1)
-    localizer = Localizer(it.rig.without("wheel"), None, LocalizeSettings(loops=LoopSettings(close=False)))
+    localizer = Localizer(it.rig.without("wheel"), None, LocalizeSettings().without_loops())
     updates = [u for m in measurements[: len(measurements) // 4] if (u := localizer.add(m)) is not None]
     result = localizer.finish()
     assert result.trajectory.frame == result.realtime.frame == "odom"

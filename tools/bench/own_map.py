@@ -18,7 +18,6 @@ import numpy as np
 from rich.console import Console
 
 from localize import LocalizationResult, Localizer, LocalizeSettings
-from localize.settings import LoopSettings
 from maps.accumulate import ScanMapSettings
 from maps.build import build_semantic_map
 from maps.prior_map import PriorMap
@@ -92,7 +91,7 @@ def _localized(localizer: Localizer, measurements: Iterable[Measurement]) -> Loc
 def scan_map_points(rig: Rig, measurements: Iterable[Measurement], result: LocalizationResult) -> Array:
     """The points (n, 3) of the map that a localized recording makes, in the run's own frame, as by `semmap map`."""
     scan_map = ScanMap(result, ScanMapSettings())
-    alone = LocalizeSettings(loops=LoopSettings(close=False))
+    alone = LocalizeSettings().without_loops()
     _localized(Localizer(rig, None, alone, on_keyframe=scan_map.add), measurements)
     return np.concatenate(list(scan_map.blocks()))
 
