@@ -3,57 +3,48 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Generic, TypeVar
 
-from localize.keyframes import Keyframe, stacked
-from localize.matcher import Expected, IntersectionMatcher, Sight
+from localize.keyframes import Keyframe
+
+Seen = TypeVar("Seen")
 
 
-class RecognitionBeside:
-    """Runs the matcher in a thread of its own, one keyframe after the other.
+class RecognitionBeside(Generic[Seen]):
+    """Looks at keyframes in a thread of its own, one after the other.
 
     A result counts from a fixed number of scans after its keyframe on, however soon it was there, and is waited for if
     it is late: so a recording gives the same bytes on every machine, and no more keyframes wait than came meanwhile.
 
     Parameters
     ----------
-    matcher : the nine steps. lag_scans : that number; 0 runs them at once, in the caller's thread.
+    lag_scans : that number; 0 looks at once, in the caller's thread.
     """
 
-    def __init__(self, matcher: IntersectionMatcher, lag_scans: int) -> None:
-        self._matcher, self.lag_scans = matcher, lag_scans
+    def __init__(self, lag_scans: int) -> None:
+        self.lag_scans = lag_scans
         self._thread = ThreadPoolExecutor(1, "recognition") if lag_scans else None
-        self._waiting: deque[tuple[int, Keyframe, Future[list[Sight]]]] = deque()
+        self._waiting: deque[tuple[int, Keyframe, Future[Seen]]] = deque()
 
-    def look(
-        self, keyframes: Sequence[Keyframe], track: Expected | None, others: Sequence[Expected], scan: int
-    ) -> None:
-        """Look at the last of some keyframes, which came with scan number ``scan``, as `recognise` does."""
-
-        def recognised() -> list[Sight]:
-            return self._matcher.recognise(stacked(keyframes), keyframes[-1], track, others)
-
-        result: Future[list[Sight]]
+    def look(self, keyframe: Keyframe, scan: int, recognised: Callable[[], Seen]) -> None:
+        """Have a keyframe looked at by ``recognised``; it came with scan number ``scan``."""
+        result: Future[Seen]
         if self._thread is not None:
             result = self._thread.submit(recognised)
         else:
             result = Future()
             result.set_result(recognised())
-        self._waiting.append((scan + self.lag_scans, keyframes[-1], result))
+        self._waiting.append((scan + self.lag_scans, keyframe, result))
 
-    def due(self, scan: int | None = None) -> list[tuple[Keyframe, list[Sight]]]:
+    def due(self, scan: int | None = None) -> list[tuple[Keyframe, Seen]]:
         """Keyframes whose results count by scan number ``scan``, oldest first; all that wait without a number."""
         found = []
         while self._waiting and (scan is None or self._waiting[0][0] <= scan):
             _, keyframe, result = self._waiting.popleft()
             found.append((keyframe, result.result()))
         return found
-
-    def forget(self) -> None:
-        """What waits no longer counts, and what was seen is no longer where it was: odom begins anew."""
-        self.due()
-        self._matcher.forget()
 
     def close(self) -> None:
         """End the thread."""

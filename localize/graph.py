@@ -12,6 +12,8 @@ from semmap.geometry import Array, adjoint, inverse
 
 _VAGUE_RAD, _VAGUE_M = 0.5, 30.0
 _ANY_TURN_RAD = 10.0
+_EXACT = 1e-4
+"""Of what is so by definition [rad, m]."""
 _SHARED = 5.0
 """Keyframes share the error of the vertical: each counts as if it were so many times as large."""
 
@@ -41,6 +43,8 @@ class PoseGraph:
         self._up_imu: list[Array] = []
         self._up_std: list[float] = []
         self._links: list[_RelativePose] = []
+        self._way: list[Array] = []
+        """Covariance (6, 6) of the way from the first keyframe to each, carried to odom's origin."""
         self._isam: gtsam.ISAM2 | None = None
         self._new = gtsam.NonlinearFactorGraph()
         self._values = gtsam.Values()
@@ -68,15 +72,22 @@ class PoseGraph:
         if self._T_odom:
             link = _RelativePose(T_before_imu, covariance)
             self._links.append(link)
+            carry = adjoint(T_odom_imu)
+            self._way.append(self._way[-1] + carry @ covariance @ carry.T)
             if self.anchored:
                 before = self.pose(len(self._T_odom) - 1)
                 self._T_odom.append(T_odom_imu)
                 self._insert_link(len(self._links), before @ link.T_a_b)
                 return
+        else:
+            self._way.append(np.zeros((6, 6)))
         self._T_odom.append(T_odom_imu)
 
-    def anchor(self, T_map_odom: Array) -> None:
-        """Give the keyframes so far their first place in the map; pins must follow before `solve`."""
+    def anchor(self, T_map_odom: Array, *, known: bool = False) -> None:
+        """Give the keyframes so far their first place in the map; pins must follow before `solve`.
+
+        ``known``: it is the place itself, but for what gravity says of roll and pitch; no pins are needed.
+        """
         parameters = gtsam.ISAM2Params()
         parameters.relinearizeSkip = 1
         # links along blind drifts are off by metres and turned by hundredths of a degree: too much for Cholesky
@@ -90,8 +101,13 @@ class PoseGraph:
         self._values.insert(_X(0), gtsam.Pose3(T_map_odom @ self._T_odom[0]))
         self._insert_vertical(0)
         # says next to nothing, but the first pins may leave a direction open, and the system must have a solution
-        vague = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([_VAGUE_RAD, _VAGUE_M], 3))
-        self._new.add(gtsam.PriorFactorPose3(_X(0), gtsam.Pose3(T_map_odom @ self._T_odom[0]), vague))
+        prior: gtsam.noiseModel.Base = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([_VAGUE_RAD, _VAGUE_M], 3))
+        if known:
+            R = self._T_odom[0][:3, :3].T @ T_map_odom[:3, :3].T
+            covariance = np.eye(6) * _EXACT**2
+            covariance[:3, :3] = R @ np.diag([_VAGUE_RAD, _VAGUE_RAD, _EXACT]) ** 2 @ R.T
+            prior = gtsam.noiseModel.Gaussian.Covariance(covariance)
+        self._new.add(gtsam.PriorFactorPose3(_X(0), gtsam.Pose3(T_map_odom @ self._T_odom[0]), prior))
         for index in range(1, len(self._T_odom)):
             self._insert_link(index, T_map_odom @ self._T_odom[index])
 
@@ -146,6 +162,14 @@ class PoseGraph:
             self._values.insert(key, T)
         return key
 
+    def add_intersection(self, intersection: int, index: int, T_imu_intersection: Array, covariance: Array) -> None:
+        """A new intersection, seen first by keyframe ``index``; its place errs as that view (6, 6) does."""
+        key: int = gtsam.symbol("i", intersection)
+        self._intersections.add(intersection)
+        noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
+        self._new.add(gtsam.BetweenFactorPose3(_X(index), key, gtsam.Pose3(T_imu_intersection), noise))
+        self._values.insert(key, gtsam.Pose3(self.pose(index) @ T_imu_intersection))
+
     def pin_heading(self, index: int, T_map_imu: Array, std: float) -> None:
         """The heading of keyframe ``index`` is that of ``T_map_imu``, but for ``std`` [rad]; all else is open."""
         R = T_map_imu[:3, :3]
@@ -189,11 +213,29 @@ class PoseGraph:
 
     def pose(self, index: int) -> Array:
         """``T_map_imu`` (4, 4) of keyframe ``index``."""
+        return self._pose(_X(index))
+
+    def intersection(self, intersection: int) -> Array:
+        """``T_map_intersection`` (4, 4) of one that pins a keyframe."""
+        return self._pose(gtsam.symbol("i", intersection))
+
+    def _pose(self, key: int) -> Array:
         assert self._isam is not None
-        key = _X(index)
         pose = self._values.atPose3(key) if self._values.exists(key) else self._isam.calculateEstimatePose3(key)
         T: Array = pose.matrix()
         return T
+
+    def intersection_covariance(self, intersection: int) -> Array:
+        """Covariance (6, 6) of `intersection`, likewise."""
+        assert self._isam is not None
+        marginal: Array = self._isam.marginalCovariance(gtsam.symbol("i", intersection))
+        return marginal
+
+    def way_covariance(self, a: int, b: int) -> Array:
+        """Covariance (6, 6) of keyframe ``b`` relative to keyframe ``a`` < b by the odometry alone, perturbed at b."""
+        back = adjoint(inverse(self._T_odom[b]))
+        covariance: Array = back @ (self._way[b] - self._way[a]) @ back.T
+        return covariance
 
     def covariance(self, index: int) -> Array:
         """Covariance (6, 6) of keyframe ``index``, rotation first, perturbed on the right, after `solve`."""
@@ -219,7 +261,7 @@ class PoseGraph:
         rest = PoseGraph(self.settings)
         rest._anchor_std = self._anchor_std
         rest._T_odom, rest._up_imu, rest._links = self._T_odom[index:], self._up_imu[index:], self._links[index:]
-        rest._up_std = self._up_std[index:]
+        rest._up_std, rest._way = self._up_std[index:], self._way[index:]
         return rest
 
 

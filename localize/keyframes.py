@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from localize.odometry import OdometryPose
 from localize.settings import KeyframeSettings
 from localize.voxel_map import voxel_means
-from semmap.geometry import Array, inverse, rotation_between, se3, transform
+from semmap.geometry import Array, inverse, rotation_between, se3, transform, yaw_rotation
 
 _STILL = 1e-7
 """Less than this [m, or 1] is rounding."""
+_KEPT = 60
+"""Keyframes kept: those of a passage of one intersection."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,7 @@ class Keyframes:
     def __init__(self, settings: KeyframeSettings) -> None:
         self.settings = settings
         self.count = 0
-        self._last: deque[Keyframe] = deque(maxlen=settings.stacked)
+        self._last: deque[Keyframe] = deque(maxlen=max(settings.stacked, _KEPT))
 
     def add(self, pose: OdometryPose) -> Keyframe:
         """Keep a scan. Where ranges moved odom since the last one, the others move along: they lie as they lay."""
@@ -89,17 +91,27 @@ class Keyframes:
         self._last.clear()
 
     @property
+    def kept(self) -> tuple[Keyframe, ...]:
+        """All that are kept, oldest first."""
+        return tuple(self._last)
+
+    @property
     def last(self) -> tuple[Keyframe, ...]:
         """Those that are stacked, oldest first (paper 004 Eq. 20): as far back as the way is known well enough."""
-        back = np.cumsum([0.0, *(keyframe.way_std for keyframe in reversed(self._last))])[: len(self._last)]
-        known = int(np.searchsorted(back, self.settings.stacked_std, side="right"))
-        return tuple(self._last)[-known:]
+        return well_known(self.kept[-self.settings.stacked :], self.settings.stacked_std)
 
 
-def stacked(keyframes: Sequence[Keyframe]) -> Stack:
-    """Keyframes in the gravity-aligned frame of the last (paper 004 Eq. 20)."""
+def well_known(keyframes: Sequence[Keyframe], std: float) -> tuple[Keyframe, ...]:
+    """The last of some keyframes: as far back as the way to the last is known to ``std`` [m]."""
+    back = np.cumsum([0.0, *(keyframe.way_std for keyframe in reversed(keyframes))])[: len(keyframes)]
+    known = int(np.searchsorted(back, std, side="right"))
+    return tuple(keyframes[-known:])
+
+
+def stacked(keyframes: Sequence[Keyframe], yaw: float = 0.0) -> Stack:
+    """Keyframes in the gravity-aligned frame of the last (paper 004 Eq. 20), turned by ``yaw`` [rad] against odom."""
     newest = keyframes[-1]
-    R_local_odom = rotation_between(newest.up_odom, [0.0, 0.0, 1.0])
+    R_local_odom = yaw_rotation(yaw) @ rotation_between(newest.up_odom, [0.0, 0.0, 1.0])
     T_odom_local = se3(R_local_odom.T, newest.T_odom_imu[:3, 3])
     T_local_odom = inverse(T_odom_local)
     clouds, sensors = [], []

@@ -6,22 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from descriptors.index import ContourIndex, Match
+from descriptors.index import Match
 from localize.keyframes import Keyframe, Stack
+from localize.known import Found, KnownIntersections
 from localize.results import Event
 from localize.settings import LocalizeSettings
 from localize.verification import Verification, Verifier, start_of
 from maps.observe import ObservedIntersection, observe_intersections
-from maps.settings import MapSettings
 from maps.views import View
-from semmap.errors import DatabaseError
-from semmap.geometry import Array, adjoint, inverse, se3, transform, yaw_of
-from semmap.intersections import SemanticMap
-from semmap.settings import validate
+from semmap.geometry import Array, adjoint, inverse, transform, yaw_of
 
-_SAME_PLACE_M = 4.0
+SAME_PLACE_M = 4.0
 """Observations closer than this in odom are of one intersection."""
 _MAX_SIGHTS = 50
 """Intersections seen last that are remembered."""
@@ -80,6 +76,14 @@ class Sight:
 
 
 @dataclass(frozen=True, slots=True)
+class Looked:
+    """What a keyframe saw; and the intersections that were left behind as of it, with their place (4, 4) in the map."""
+
+    sights: list[Sight]
+    found: tuple[tuple[Found, Array], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class _Look:
     """One observed intersection of one keyframe's stack."""
 
@@ -119,21 +123,15 @@ class _Seen:
 
 
 class IntersectionMatcher:
-    """Recognises intersections of a semantic map.
+    """Recognises intersections that are known.
 
     Parameters
     ----------
-    semantic_map : the database. settings : thresholds. origin : (3,) subtracted from map coordinates.
+    known : the database. settings : thresholds.
     """
 
-    def __init__(self, semantic_map: SemanticMap, settings: LocalizeSettings, origin: Array) -> None:
-        self.settings = settings
-        self._origin = origin
-        self._intersections = semantic_map.intersections
-        self._ids = semantic_map.columns.id
-        self._p_map = semantic_map.p_map - origin
-        self._map_settings = validate(MapSettings, dict(semantic_map.settings), file=None, error=DatabaseError)
-        self._index = ContourIndex(semantic_map.contours, self._map_settings.contour)
+    def __init__(self, known: KnownIntersections, settings: LocalizeSettings) -> None:
+        self.known, self.settings = known, settings
         self._verifier = Verifier(settings.verification)
         self._seen: list[_Seen] = []
         self._count = 0
@@ -150,8 +148,7 @@ class IntersectionMatcher:
         track : where it is, if that is known: only what fits there is looked for, and all the map if nothing does.
         others : where it may be: what would be seen there is checked along with what looks similar.
         """
-        views = [View(cloud, sensor) for cloud, sensor in zip(stack.clouds, stack.sensors, strict=True)]
-        observed = observe_intersections(views, self._map_settings)  # steps 1 and 2
+        observed = observe_intersections(views_of(stack), self.known.settings)  # steps 1 and 2
         looks = [_Look(one, stack, keyframe) for one in observed]
         return [self._sight(look, matches, track, others) for look, matches in self._best_readings(looks, track)]
 
@@ -170,21 +167,21 @@ class IntersectionMatcher:
     def _similar(self, look: _Look, track: Expected | None) -> list[Match]:
         """Intersections that look alike, best CWC first (steps 3 to 6); near the expected place where that is known."""
         m = self.settings.matcher
-        allowed, heading = None, None
+        allowed, heading = self.known.visible, None
         if track is not None:
             T_map_local = track.T_map_imu @ look.T_imu_local
             allowed = self._distances(look, track) < m.search_radius + 3.0 * track.position_std
             heading = yaw_of(T_map_local[:3, :3])
         contour = look.observation.contour
-        matches = self._index.turned(contour, m.min_pwcv, at_most=m.candidates, allowed=allowed, yaw=heading)
+        matches = self.known.index.turned(contour, m.min_pwcv, at_most=m.candidates, allowed=allowed, yaw=heading)
         alike = [match for match in matches if match.cwc >= m.min_cwc]
         return sorted(alike, key=lambda match: match.cwc, reverse=True)
 
     def _distances(self, look: _Look, expected: Expected) -> Array:
-        """Of all intersections from where the one seen is expected in the map (n,) [m]."""
+        """Of all intersections from where the one seen is expected in the map (n,) [m], infinite if not looked for."""
         p_map = transform(expected.T_map_imu @ look.T_imu_local, look.observation.p[None])[0]
-        distances: Array = np.linalg.norm(self._p_map - p_map, axis=1)
-        return distances
+        distances: Array = np.linalg.norm(self.known.p_map - p_map, axis=1)
+        return np.where(self.known.visible, distances, np.inf)
 
     def _sight(self, look: _Look, matches: list[Match], track: Expected | None, others: Sequence[Expected]) -> Sight:
         """Count agreement in a row (steps 7, 8), then check all candidates by ICP (step 9)."""
@@ -212,7 +209,7 @@ class IntersectionMatcher:
 
     def _seen_before(self, p_odom: Array) -> _Seen:
         for seen in reversed(self._seen):
-            if np.linalg.norm(seen.p_odom - p_odom) < _SAME_PLACE_M:
+            if np.linalg.norm(seen.p_odom - p_odom) < SAME_PLACE_M:
                 seen.p_odom = p_odom
                 return seen
         self._seen = [*self._seen[-_MAX_SIGHTS:], _Seen(self._count, p_odom)]
@@ -225,10 +222,10 @@ class IntersectionMatcher:
         found = [_Candidate(match.row, start_of(p_local, match.yaw), match.completeness) for match in matches]
         for expected in others:
             distances = self._distances(look, expected)
-            row = int(np.argmin(distances))
-            if distances[row] < _SAME_PLACE_M:
+            if distances.min(initial=np.inf) < SAME_PLACE_M:
+                row = int(np.argmin(distances))
                 T = expected.T_map_imu @ look.T_imu_local
-                found.append(_Candidate(row, se3(T[:3, :3], T[:3, 3] - self._p_map[row]), 1.0))
+                found.append(_Candidate(row, inverse(self.known.T_map_cloud(row)) @ T, 1.0))
         return found
 
     def _checked(self, look: _Look, candidates: list[_Candidate]) -> list[Place]:
@@ -236,40 +233,46 @@ class IntersectionMatcher:
         points = self._verifier.around(look.stack.points, look.observation.p)
         looked = []
         for candidate in candidates:
-            T, likeness = self._verifier.first_look(points, self._intersections[candidate.row], candidate.start)
+            T, likeness = self._verifier.first_look(points, self.known.intersections[candidate.row], candidate.start)
             looked.append((likeness, candidate, T))
         best = max((likeness for likeness, _, _ in looked), default=0.0)
         places: list[Place] = []
         for likeness, candidate, T in sorted(looked, key=lambda one: -one[0]):
-            if likeness < best - _NEARLY or any(_same(place, candidate, self._ids, T, look) for place in places):
+            if likeness < best - _NEARLY or any(_same(place, self._id(candidate.row), T, look) for place in places):
                 continue
-            intersection = self._intersections[candidate.row]
+            intersection = self.known.intersections[candidate.row]
             verification = self._verifier.verify(points, intersection, T, completeness=candidate.completeness)
             places.append(self._place(look, candidate.row, verification))
         return places
 
     def _place(self, look: _Look, row: int, verification: Verification) -> Place:
         s, v = self.settings.verification, verification
-        T_map_local = se3(v.T_map_local[:3, :3], v.T_map_local[:3, 3] - self._origin)
+        T_map_local = self.known.in_map(row, v.T_map_local)
         carried = adjoint(look.T_imu_local)
         g = self.settings.graph
         floor = np.diag(np.repeat([g.pin_rotation, g.pin_position], 3) ** 2)
         fits = v.points >= s.min_points and v.fit >= s.min_fit and v.icp_distance <= s.max_icp_distance
         return Place(
             look.keyframe.index, self._id(row), T_map_local @ inverse(look.T_imu_local),
-            carried @ v.covariance @ carried.T + floor, se3(np.eye(3), self._p_map[row]), v.fit, v.likeness,
+            carried @ v.covariance @ carried.T + floor, self.known.T_map_cloud(row), v.fit, v.likeness,
             v.icp_distance, fits,
         )  # fmt: skip
 
     def _id(self, row: int) -> int:
-        return int(self._ids[row])
+        return int(self.known.ids[row])
 
 
-def _same(place: Place, candidate: _Candidate, ids: NDArray[np.int64], T: Array, look: _Look) -> bool:
+def views_of(stack: Stack) -> list[View]:
+    """A stack's keyframes as the map's side takes them."""
+    return [View(cloud, sensor) for cloud, sensor in zip(stack.clouds, stack.sensors, strict=True)]
+
+
+def _same(place: Place, intersection: int, T: Array, look: _Look) -> bool:
     """Whether a first look led to a place that was found already: a symmetric crossing comes several times."""
     T_cloud_imu = T @ inverse(look.T_imu_local)
-    apart = np.linalg.norm(place.T_map_imu[:3, 3] - place.T_map_intersection[:3, 3] - T_cloud_imu[:3, 3])
-    return bool(place.intersection == ids[candidate.row] and apart < 1.0)
+    T_cloud_place = inverse(place.T_map_intersection) @ place.T_map_imu
+    apart = np.linalg.norm(T_cloud_place[:3, 3] - T_cloud_imu[:3, 3])
+    return bool(place.intersection == intersection and apart < 1.0)
 
 
 def _reason(places: list[Place]) -> str:

@@ -20,6 +20,8 @@ class Update:
     stamp_ns : end of the scan. T_odom_imu : (4, 4) of the filter.
     T_map_imu : (4, 4), or None while the place in the map is not known or in doubt.
     covariance : (6, 6) of ``T_map_imu`` (rotation first, perturbed on the right), None with it.
+    T_own_imu : (4, 4) in a run without a map that closes loops: in its own frame, which is odom corrected; None while
+    the odometry is broken off, and in other runs.
     state : ``unknown`` before the first proof, ``tracking``, ``suspect`` while what is seen contradicts
     the track, ``lost`` once the track is refuted or broken off and the place is not found again.
     """
@@ -29,6 +31,7 @@ class Update:
     T_map_imu: Array | None
     covariance: Array | None
     state: State
+    T_own_imu: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,8 @@ class Uncertainty:
 class LocalizationResult:
     """A whole run.
 
-    trajectory : final smoothed poses, in ``map``; empty where a map was asked for and never found.
+    trajectory : final smoothed poses, in ``map``; empty where a map was asked for and never found. Without one, in
+    ``odom``: corrected by loops, and without what came after a break, unless a loop joined it.
     realtime : what was known when each scan was done. odometry : the filter alone, in ``odom``.
     events : in order of time. summary : counts. uncertainty : one a scan.
     """

@@ -239,6 +239,15 @@ class BreakSettings(Settings):
     """Nothing bridges a longer silence of the IMU [s]."""
 
 
+class LoopSettings(Settings):
+    """Without a map: intersections found on the way, and seen again."""
+
+    close: bool = True
+    """Whether they correct the track; false leaves it to the odometry, and to ranges and fixes."""
+    left: PositiveFloat = 12.0
+    """An intersection farther away than this is left behind, and can be recognised when it is seen again [m]."""
+
+
 class GraphSettings(Settings):
     """The pose graph."""
 
@@ -280,4 +289,9 @@ class LocalizeSettings(Settings):
     modes: ModeSettings = Field(default_factory=ModeSettings)
     ranges: RangeSettings = Field(default_factory=RangeSettings)
     breaks: BreakSettings = Field(default_factory=BreakSettings)
+    loops: LoopSettings = Field(default_factory=LoopSettings)
     graph: GraphSettings = Field(default_factory=GraphSettings)
+
+    def without_loops(self) -> LocalizeSettings:
+        """The same, but that intersections found on the way do not correct the track."""
+        return self.model_copy(update={"loops": LoopSettings(close=False)})

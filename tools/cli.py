@@ -249,6 +249,30 @@ def localize(
     typer.echo(f"{outcome(summary)}: {out}")
 
 
+@app.command("map", epilog=EPILOG)
+def map_command(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="rosbag1 .bag, or rosbag2 sqlite3 or MCAP.")],
+    rig: Annotated[Path, typer.Option(metavar="rig.yaml", help="The robot's sensors.")],
+    out: Annotated[Path, typer.Option(metavar="map.laz", help="The point-cloud map to write.")],
+    database: Annotated[
+        Path | None, typer.Option(metavar="DB.h5", help="Build its semantic database, too, as `semmap build` does.")
+    ] = None,
+    without: Annotated[
+        str, typer.Option(metavar="LIST", help="Leave out, comma-separated: uwb,wheel,prism,intersections.")
+    ] = "",
+) -> None:
+    """Make the map of a mine from a recording alone.
+
+    Intersections that the robot passes again close loops. The map is level, in the frame of the rig's UWB anchors or
+    total station, else in a frame of its own.
+    """
+    from tools.mapping import map_recording, outcome
+
+    names = [name.strip() for name in without.split(",") if name.strip()]
+    made = map_recording(recording, rig, out, _common.settings(), database=database, without=names)
+    typer.echo(f"{outcome(made)}: {out}" + (f", {database}" if database is not None else ""))
+
+
 @app.command("calibrate-imu", epilog=EPILOG)
 def calibrate_imu(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="With a minute or more at rest.")],

@@ -48,7 +48,7 @@ def fixes_of_file(
     if len(fixes) < _FEWEST:
         mend = "track the prism for a while in motion; or set total_station.time_offset_s"
         raise InputFileError(f"has {len(fixes)} fixes, too few to tell the clock offset", file=path, mend=mend)
-    localizer = Localizer(rig.without("prism", "uwb"), None, settings)
+    localizer = Localizer(rig.without("prism", "uwb"), None, settings.without_loops())
     for measurement in reread():
         localizer.add(measurement)
     track, lever = localizer.finish().odometry, np.array(station.p_imu_prism)

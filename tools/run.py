@@ -26,6 +26,7 @@ from localize import LiveLocalizer, LocalizationResult, Localizer
 from localize.clock_offset import ClockOffset
 from localize.compilation import kernels_compiled
 from localize.results import Uncertainty
+from localize.settings import LocalizeSettings
 from semmap import database
 from semmap.errors import RigError, SettingsError
 from semmap.measurements import Measurement, PrismFix, Scan
@@ -79,7 +80,7 @@ def localize_recording(
     rig = Rig.from_yaml(rig_file).without(*without)
     rig, fixes, offset = _with_prism_file(recording, rig, prism_file, without, settings, progress)
     semantic_map = database.load(map_file) if map_file is not None and "intersections" not in without else None
-    localizer = Localizer(rig, semantic_map, settings.localize)
+    localizer = Localizer(rig, semantic_map, localize_settings(settings.localize, without))
     if not kernels_compiled():
         print("compiling the kernels of the odometry, once: up to half a minute", file=sys.stderr)
     started = time.perf_counter()
@@ -108,6 +109,11 @@ def localize_recording(
     }
     write_run(out, result, summary, settings)
     return summary
+
+
+def localize_settings(settings: LocalizeSettings, without: Sequence[str]) -> LocalizeSettings:
+    """The settings, without loops where intersections shall be left out."""
+    return settings.without_loops() if "intersections" in without else settings
 
 
 def _with_prism_file(
@@ -209,7 +215,8 @@ def outcome(summary: Mapping[str, Any]) -> str:
         return "no scan was completed"
     cost = f"{summary['scans']} scans, {cost_text(summary)} ms each"
     if not summary["anchored"]:
-        return f"{cost}, no place in the map"
+        closed = f", {summary['pins']} views closed loops" if summary["pins"] else ""
+        return f"{cost}, no place in the map{closed}"
     count = len(summary["intersections_recognised"])
     return f"{cost}, in the map by {count} intersections" if count else f"{cost}, in the map"
 

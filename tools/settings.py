@@ -7,6 +7,7 @@ from pathlib import Path
 from pydantic import Field, NonNegativeInt
 
 from localize.settings import LocalizeSettings
+from maps.accumulate import ScanMapSettings
 from maps.merge import MergeSettings
 from maps.settings import MapSettings
 from semmap.settings import Settings
@@ -20,6 +21,7 @@ class ToolSettings(Settings):
     """For everything random; `--seed` goes before it."""
     map: MapSettings = Field(default_factory=MapSettings)
     merge: MergeSettings = Field(default_factory=MergeSettings)
+    scan_map: ScanMapSettings = Field(default_factory=ScanMapSettings)
     localize: LocalizeSettings = Field(default_factory=LocalizeSettings)
     simulate: SimulationSettings = Field(default_factory=SimulationSettings)
 

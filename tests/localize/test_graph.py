@@ -218,3 +218,87 @@ def test_a_graph_split_in_two_keeps_its_first_part_and_begins_the_second_without
     rest.solve(steps=4)
     np.testing.assert_allclose(rest.poses(), truth[25:], atol=2e-3)
     np.testing.assert_allclose(graph.poses()[:25], truth[:25], atol=1e-3)
+
+
+def closed_loop(rng, *, sides=4, along=12):
+    """True keyframes twice round a square: the second time round every keyframe is where it was before."""
+    step, turn = se3_exp([0, 0, 0, 1.0, 0, 0]), se3_exp([0, 0, 2.0 * np.pi / sides, 1.0, 0, 0])
+    poses = [se3(yaw_rotation(0.3), [2.0, 1.0, 0.5])]
+    for k in range(1, 2 * sides * along):
+        poses.append(poses[-1] @ (turn if k % along == 0 else step))
+    return np.array(poses), odometry(np.array(poses), rng)
+
+
+def upright_graph(truth, drifted, rng):
+    """The filter knows the vertical as well as the settings say, however its heading drifts."""
+    graph = PoseGraph(GraphSettings())
+    for before, T, true in zip([drifted[0], *drifted[:-1]], drifted, truth, strict=True):
+        leaning = so3_exp([*rng.normal(scale=GraphSettings().vertical_std, size=2), 0.0])
+        up_odom = T[:3, :3] @ true[:3, :3].T @ leaning @ [0.0, 0.0, 1.0]
+        graph.add_keyframe(T, up_odom, inverse(before) @ T, LINK)
+    return graph
+
+
+def loop_graph(truth, drifted, rng, *, at=3, noise=1e-10):
+    """The graph in its own frame, with an intersection first seen by keyframe ``at`` and again one round later."""
+    graph = upright_graph(truth, drifted, rng)
+    graph.anchor(truth[0], known=True)
+    graph.solve()
+    T = truth[at] @ se3_exp([0, 0, 0, 3.0, 1.0, -1.0])
+    graph.add_intersection(1, at, inverse(truth[at]) @ T, noise * np.eye(6))
+    graph.solve()
+    again = at + len(truth) // 2
+    seen = inverse(T) @ truth[again] @ se3_exp(rng.multivariate_normal(np.zeros(6), PIN))
+    graph.pin_intersection(again, 1, graph.intersection(1), graph.intersection(1) @ seen, PIN)
+    graph.solve(steps=5)
+    return graph, again
+
+
+def test_an_intersection_seen_again_closes_the_loop():
+    off, off_alone = [], []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        truth, drifted = closed_loop(rng)
+        graph, again = loop_graph(truth, drifted, rng)
+        alone = truth[0] @ inverse(drifted[0]) @ drifted
+        off.append(np.linalg.norm(graph.poses()[:, :3, 3] - truth[:, :3, 3], axis=1))
+        off_alone.append(np.linalg.norm(alone[:, :3, 3] - truth[:, :3, 3], axis=1))
+    assert np.mean([one[again] for one in off]) < 0.3 * np.mean([one[again] for one in off_alone])
+    assert np.mean(off) < 0.7 * np.mean(off_alone)
+
+
+def test_its_own_place_is_known_exactly_in_its_own_frame_and_the_rest_by_the_way():
+    rng = np.random.default_rng(4)
+    truth, drifted = closed_loop(rng)
+    graph = upright_graph(truth, drifted, rng)
+    graph.anchor(truth[0], known=True)
+    graph.solve()
+    assert np.sqrt(np.diag(graph.covariance(0)))[2:].max() < 2e-4
+    # what gravity holds apart, that is the covariance of the way
+    way, marginal = graph.way_covariance(0, 60), graph.covariance(60)
+    held = np.linalg.eigvalsh(way - marginal)
+    assert held.min() > -1e-3 * np.trace(way) and np.trace(marginal) > 0.3 * np.trace(way)
+
+
+def test_the_ways_covariance_agrees_with_chains_of_noisy_links():
+    truth, seeds = drive(), 200
+    graph = graph_of(odometry(truth))
+    squared = []
+    for seed in range(seeds):
+        noisy = odometry(truth, np.random.default_rng(seed))
+        error = se3_log(inverse(inverse(noisy[10]) @ noisy[35]) @ inverse(truth[10]) @ truth[35])
+        squared.append(error @ np.linalg.solve(graph.way_covariance(10, 35), error))
+    low, high = chi2.ppf([0.025, 0.975], 6 * seeds) / seeds
+    assert low < np.mean(squared) < high
+
+
+def test_closed_loops_agree_with_their_covariance():
+    squared = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        truth, drifted = closed_loop(rng)
+        graph, again = loop_graph(truth, drifted, rng)
+        error = se3_log(inverse(graph.pose(again)) @ truth[again])
+        squared.append(error @ np.linalg.solve(graph.covariance(again), error))
+    low, high = chi2.ppf([0.025, 0.975], 6 * 40) / 40
+    assert 0.85 * low < np.mean(squared) < 1.15 * high

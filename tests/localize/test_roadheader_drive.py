@@ -64,9 +64,9 @@ def test_every_fix_is_counted_once():
     waiting = []
     for measurement in measurements:
         localizer.add(measurement)
-        if isinstance(measurement, PrismFix) and localizer._sightings.shared:
+        if isinstance(measurement, PrismFix) and localizer._sightings.sightings.shared:
             to_filter = bool(forwarded) and forwarded[-1].stamp_ns == measurement.stamp_ns
-            to_graph = any(m.stamp_ns == measurement.stamp_ns for m, _ in localizer._sightings._waiting)
+            to_graph = any(m.stamp_ns == measurement.stamp_ns for m, _ in localizer._sightings.sightings._waiting)
             waiting.append((to_filter, to_graph))
     assert len(waiting) > 20
     assert all(to_filter != to_graph for to_filter, to_graph in waiting)

@@ -2,10 +2,14 @@
 
     python -m tools.bench.edgar --map MINE.h5 --mesh MINE.ply --route WAYPOINTS.csv --cache DIR --out DIR
     python -m tools.bench.edgar … --starts 100
+    python -m tools.bench.edgar … --beside loam=loam.npz kiss-slam=kiss_slam.npz
 
 The recording is that of `tools.bench.odometry --recording mesh`: LiDAR and IMU, no wheel. With the map errors are in
 the map frame without any alignment; without, after the best SE(3) fit. A pin is false if it puts its keyframe more than
-0.3 m off. A pass is constrained if the intersection pins a keyframe within 12 m of it.
+0.3 m off. A pass is constrained if the intersection pins a keyframe within 12 m of it. Without a map the intersections
+found on the way close loops; a view is false if it puts its intersection more than 0.3 m from where it was seen first.
+Beside them stand the poses that `tools.bench.odometry_run`, `tools.bench.scan_context_loops` and `tools.bench.slam_run`
+wrote of other systems, after the best SE(3) fit.
 """
 
 from __future__ import annotations
@@ -22,21 +26,27 @@ import numpy as np
 from rich.console import Console
 
 from localize import LocalizationResult, Localizer
+from maps.build import build_semantic_map
+from maps.prior_map import PriorMap
 from semmap import database
-from semmap.geometry import Array
+from semmap.geometry import Array, transform
 from semmap.intersections import SemanticMap
 from semmap.measurements import ImuSample, Measurement, Scan
 from semmap.rig import Rig
 from semmap.trajectory import Trajectory
 from tools.bench.odometry_cache import Recorded
 from tools.bench.odometry_recordings import recorded
+from tools.bench.own_map import loops_of, scan_map_points, surface_errors
 from tools.files import write_text
 from tools.metrics import Pairs, associate, best_alignment, rep
 from tools.progress import progress_bar
+from tools.run import process_facts
+from tools.simulator import Mine, load_mesh
 from tools.tables import text_table
 
 FALSE_M = 0.3
 PASS_M, REACH_M = 4.0, 12.0
+_HEAD = ("", "max m", "RMSE m", *(f"REP-{k} %" for k in range(1, 6)))
 BINS_M = (0.0, 10.0, 25.0, 50.0, 100.0, 200.0, 400.0)
 
 
@@ -75,6 +85,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--starts", type=int, default=0, help="random starts instead of the whole flight")
     parser.add_argument("--metres-at-most", type=float, default=400.0, help="flown from each start")
+    parser.add_argument("--beside", nargs="+", default=[], metavar="NAME=FILE", help="only rows of other systems")
     parser.add_argument("--out", type=Path, default=Path("bench_edgar"))
     options = parser.parse_args()
     with progress_bar("simulating") as advance:
@@ -84,10 +95,12 @@ def main() -> None:
         )  # fmt: skip
     there = database.load(options.map)
     options.out.mkdir(parents=True, exist_ok=True)
-    if options.starts:
+    if options.beside:
+        _tell_others(dict(pair.split("=", 1) for pair in options.beside), Trajectory("map", *flight.truth()))
+    elif options.starts:
         _tell_starts(starts(flight, there, options.starts, options.metres_at_most), options.out)
     else:
-        _tell_flight(flight, there, options.out)
+        _tell_flight(flight, there, None if options.mesh is None else load_mesh(options.mesh), options.out)
 
 
 def measurements(flight: Recorded, first: int = 0) -> Iterator[Measurement]:
@@ -99,32 +112,69 @@ def measurements(flight: Recorded, first: int = 0) -> Iterator[Measurement]:
         yield Scan(scan.stamp_ns, points, offsets_ns, ring)
 
 
-def _localizer(flight: Recorded, there: SemanticMap) -> Localizer:
+def _localizer(flight: Recorded, there: SemanticMap | None) -> Localizer:
     return Localizer(Rig.model_validate(flight.about["rig"]), there)
 
 
-def _tell_flight(flight: Recorded, there: SemanticMap, out: Path) -> None:
-    """The whole flight: tables on the terminal, all figures in ``edgar.json``."""
-    localizer, costs = _localizer(flight, there), []
+def _tell_flight(flight: Recorded, there: SemanticMap, mine: Mine | None, out: Path) -> None:
+    """The whole flight, with the map and without: tables on the terminal, all figures in ``edgar.json``."""
+    truth = Trajectory("map", *flight.truth())
+    result, costs = _flown(_localizer(flight, there), flight)
+    alone, costs_alone = _flown(_localizer(flight, None), flight)
+    rows = {
+        "with map": _figures(associate(result.trajectory, truth)),
+        "with map, real time": _figures(associate(result.realtime, truth)),
+        "without map": _figures(_aligned(associate(alone.trajectory, truth))),
+        "without map, real time": _figures(_aligned(associate(alone.realtime, truth))),
+        "odometry": _figures(_aligned(associate(alone.odometry, truth))),
+    }
+    passed, since = passes(result, there, truth), since_pin(result, truth)
+    console = Console()
+    console.print(text_table(_HEAD, map(_cells, rows.items())))
+    console.print(text_table(("m since the last pin", "poses", "RMSE m", "max m"), map(_bin_cells, since)))
+    console.print(f"{asdict(passed)}  ms a scan: {np.percentile(costs, [50, 95, 100]).round(1).tolist()}")
+    loops = loops_of(alone, truth)
+    console.print(f"without map: {asdict(loops)}, {alone.summary['intersections_found']} intersections")
+    console.print(f"ms a scan: {np.percentile(costs_alone, [50, 95, 100]).round(1).tolist()}")
+    console.print(str([event for event in result.events if event["kind"] in ("state", "odometry_broken")]))
+    figures = {
+        "errors": rows, "passes": asdict(passed), "since_pin": since, "summary": result.summary,
+        "loops": asdict(loops), "summary_without_map": alone.summary,
+    }  # fmt: skip
+    if mine is not None:
+        figures["own_map"] = _own_map(flight, alone, truth, mine)
+        console.print(f"map of the flight without map: {figures['own_map']}")
+    write_text(out / "edgar.json", json.dumps(figures, indent=1) + "\n")
+
+
+def _tell_others(files: dict[str, str], truth: Trajectory) -> None:
+    """Rows of what other systems made of the flight."""
+    rows = {}
+    for name, file in files.items():
+        found = np.load(file)
+        rows[name] = _figures(_aligned(associate(Trajectory("odom", found["stamps_ns"], found["poses"]), truth)))
+    Console().print(text_table(_HEAD, map(_cells, rows.items())))
+
+
+def _own_map(flight: Recorded, alone: LocalizationResult, truth: Trajectory, mine: Mine) -> dict[str, float]:
+    """What `semmap map` makes of the flight: points, how far they are from the rock [m], intersections found in it."""
+    points = scan_map_points(Rig.model_validate(flight.about["rig"]), measurements(flight), alone)
+    off = surface_errors(mine, transform(best_alignment(associate(alone.trajectory, truth)), points))
+    found = build_semantic_map(PriorMap(points.astype(np.float32), np.zeros(3)))
+    return {
+        "points": len(points), "surface_median": float(np.median(off)), "surface_p95": float(np.percentile(off, 95)),
+        "intersections": len(found), "peak_memory_mb": process_facts()["peak_memory_mb"],
+    }  # fmt: skip
+
+
+def _flown(localizer: Localizer, flight: Recorded) -> tuple[LocalizationResult, list[float]]:
+    """The result, and what each scan cost [ms]."""
+    costs = []
     for measurement in measurements(flight):
         began = time.perf_counter()
         if localizer.add(measurement) is not None:
             costs.append(1e3 * (time.perf_counter() - began))
-    result, truth = localizer.finish(), Trajectory("map", *flight.truth())
-    rows = {
-        "with map": _figures(associate(result.trajectory, truth)),
-        "with map, real time": _figures(associate(result.realtime, truth)),
-        "without map": _figures(_aligned(associate(result.odometry, truth))),
-    }
-    passed, since = passes(result, there, truth), since_pin(result, truth)
-    console = Console()
-    head = ("", "max m", "RMSE m", *(f"REP-{k} %" for k in range(1, 6)))
-    console.print(text_table(head, map(_cells, rows.items())))
-    console.print(text_table(("m since the last pin", "poses", "RMSE m", "max m"), map(_bin_cells, since)))
-    console.print(f"{asdict(passed)}  ms a scan: {np.percentile(costs, [50, 95, 100]).round(1).tolist()}")
-    console.print(str([event for event in result.events if event["kind"] in ("state", "odometry_broken")]))
-    figures = {"errors": rows, "passes": asdict(passed), "since_pin": since, "summary": result.summary}
-    write_text(out / "edgar.json", json.dumps(figures, indent=1) + "\n")
+    return localizer.finish(), costs
 
 
 def _figures(pairs: Pairs) -> dict[str, Any]:

@@ -1,0 +1,233 @@
+"""UWB ranges and prism fixes pin the track: they find odom's place in the map, and hold it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from localize.journal import Journal
+from localize.odometry import Odometry, OdometryPose
+from localize.prism import PrismPosition
+from localize.ranging import Ranging
+from localize.settings import LocalizeSettings
+from localize.sightings import Sighting, Sightings, align_standing
+from localize.start import StartingOdometry
+from localize.track import Track
+from localize.watch import ModeWatch
+from semmap.geometry import Array, inverse, rotation_between, se3, transform
+from semmap.measurements import PrismFix, UwbRange
+from semmap.rig import Rig
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class SightingPins:
+    """Shares ranges and fixes out between filter and graph, each counted once.
+
+    Parameters
+    ----------
+    shift : (3,) subtracted from map coordinates.
+
+    Attributes
+    ----------
+    sightings : those of the present leg.
+    """
+
+    def __init__(
+        self, rig: Rig, settings: LocalizeSettings, track: Track, journal: Journal, watch: ModeWatch, shift: Array
+    ) -> None:
+        self.rig, self.settings = rig, settings
+        self._track, self._journal, self._watch, self._shift = track, journal, watch, shift
+        self._anchors_that_are: dict[str, set[int]] = {"blocked": set(), "silent": set()}
+
+    def begin_leg(self, odometry: StartingOdometry) -> None:
+        """The odometry begins anew, wherever the robot is."""
+        self._odometry = odometry
+        self.sightings = Sightings(self.rig, self.settings.sightings, self._shift)
+
+    @property
+    def _engine(self) -> Odometry | None:
+        """The odometry, once it has started."""
+        return self._odometry.odometry
+
+    @property
+    def unknown_anchors(self) -> set[int]:
+        """Ids heard that the rig has no anchor for."""
+        return self.sightings.unknown_anchors
+
+    def is_odometrys(self, measurement: UwbRange | PrismFix) -> bool:
+        """Whether the filter takes it too: its share of them; and any fix while nobody knows where odom lies, which
+        then tells it whether the machine stands."""
+        shared = self.sightings.shared
+        its_turn = self.sightings.add(measurement)
+        return its_turn or (isinstance(measurement, PrismFix) and self.rig.total_station is not None and not shared)
+
+    def take(self, pose: OdometryPose) -> None:
+        """What was sighted until a pose pins the track, or finds its place."""
+        self._note_ranges()
+        self._note_fixes()
+        self._pin_or_align(pose)
+        self._anchor_standing(pose)
+
+    def _pin_or_align(self, pose: OdometryPose) -> None:
+        sightings = self.sightings.reached(pose.stamp_ns, self._track.unmoved(pose))
+        if not sightings or self._track.newest is None:
+            return
+        if self._track.graph.anchored:
+            for sighting in sightings:
+                self._pin(sighting, pose)
+            return
+        R_level_odom = rotation_between(self._track.newest.up_odom, _UP)
+        alignment = self.sightings.align(R_level_odom, pose.position_std)
+        if alignment is not None:
+            T_map_odom = alignment.T_map_level @ se3(R_level_odom, np.zeros(3))
+            self._track.anchor(T_map_odom, pose.stamp_ns, "ranges and fixes")
+            for sighting in self.sightings.kept:
+                self._pin(sighting, None)
+            self._found(pose, "ranges and fixes")
+
+    def _anchor_standing(self, pose: OdometryPose) -> None:
+        """A machine that stands in sight of the total station and knows north (paper 002, static initialization)."""
+        engine, standing = self._engine, self._odometry.standing
+        graph = self._track.graph
+        found = standing.alignment() if standing is not None else None
+        if engine is None or standing is None or found is None or graph.anchored:
+            return
+        if not pose.keyframe:
+            # a place to pin what is known now, however far odometry has slid meanwhile
+            engine.keyframe_due = True
+            return
+        fixes = self.sightings.of_standing(standing.since_ns)
+        if fixes is None:
+            return
+        R_level_odom = rotation_between(-pose.state.g, _UP)
+        here = replace(fixes[1], p_odom=transform(pose.T_odom_imu, standing.p_imu_prism[None])[0])
+        alignment = align_standing(found, here, pose.T_odom_imu, R_level_odom)
+        newest, by = len(graph) - 1, "earth rate and fixes"
+        self._track.anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, by)
+        graph.pin_heading(newest, graph.pose(newest), found.heading_std)
+        stamps = [stamp for stamp, _ in self._track.keyframes]
+        first = max(0, int(np.searchsorted(stamps, standing.since_ns)))
+        for index, fix in ((min(first, newest), fixes[0]), (newest, fixes[1])):
+            variance = fix.std**2 + self.settings.graph.drift_position**2
+            graph.pin_position(index, standing.p_imu_prism, fix.p_map, variance * np.eye(3))
+        self._found(pose, by)
+
+    def _found(self, pose: OdometryPose, by: str) -> None:
+        self._track.solve()
+        self.share_place()
+        self._journal.enter("tracking", pose.stamp_ns, f"aligned by {by}")
+
+    def share_place(self) -> None:
+        """Tell the filter where odom lies, once: from then on it takes its part of ranges and fixes.
+
+        It is told the graph's place at the last keyframe with twice its deviations. What the place was found by is
+        counted in the graph; the filter needs it to begin with, and soon knows better by itself.
+        """
+        uwb, engine, at = self.rig.uwb, self._engine, self._track.at
+        total_station = self.rig.total_station
+        if (uwb is None and total_station is None) or engine is None or at is None or self.sightings.shared:
+            return
+        turned = np.kron(np.eye(2), at.T_map_imu[:3, :3])
+        ranging = Ranging(uwb, self.sightings.anchors, self.settings.ranges) if uwb is not None else None
+        engine.locate(self._track.T_map_odom(), 4.0 * turned @ at.covariance @ turned.T, ranging)
+        self.sightings.shared = True
+
+    def _note_ranges(self) -> None:
+        """What the filter thought of the ranges it was given."""
+        engine = self._engine
+        if engine is None or engine.ranging is None:
+            return
+        for reading, verdict in engine.judged:
+            if not verdict.refused:
+                self._watch.fitted("uwb", reading.anchor, reading.stamp_ns)
+                continue
+            off = {"off_m": verdict.innovation, "why": verdict.refused}
+            self._journal.event(reading.stamp_ns, "range_refused", anchor=reading.anchor, **off)
+        engine.judged.clear()
+        self._note_anchors(engine.ranging, engine.filter.stamp_ns)
+
+    def _note_fixes(self) -> None:
+        """What the filter thought of the fixes it was given."""
+        engine = self._engine
+        for fix, outcome in engine.fixed if engine is not None else []:
+            if outcome.used:
+                self._watch.fitted("prism", None, fix.stamp_ns)
+            else:
+                self._journal.event(fix.stamp_ns, "prism_refused", anchor=None, off_m=outcome.off_m)
+        if engine is not None:
+            engine.fixed.clear()
+
+    def _note_anchors(self, ranging: Ranging, stamp_ns: int) -> None:
+        """Anchors that became blocked, fell silent, or are heard again."""
+        for kind, now in (("blocked", ranging.check.blocked), ("silent", ranging.check.silent(stamp_ns))):
+            before = self._anchors_that_are[kind]
+            for anchor in sorted(now ^ before):
+                change = f"anchor_{kind}" if anchor in now else f"anchor_no_longer_{kind}"
+                self._journal.event(stamp_ns, change, anchor=anchor)
+            self._anchors_that_are[kind] = now
+        if ranging.doubts > self._journal.counts["range_doubts"]:
+            self._journal.event(stamp_ns, "ranges_contradict")
+            self._journal.counts["range_doubts"] = ranging.doubts
+
+    def _pin(self, sighting: Sighting, pose: OdometryPose | None) -> None:
+        """A range or fix as a factor on the keyframe before it; with the ``pose`` it came by, if it fits."""
+        graph, at = self._track.graph, self._track.at
+        index, p_imu, way = self._from_keyframe(sighting, pose)
+        predicted = transform(graph.pose(index), p_imu[None])[0]
+        error = predicted - sighting.p_map
+        distance = self._true_distance(sighting)
+        off = abs(float(np.linalg.norm(error)) - distance)
+        s, kind = self.settings.ranges, "prism" if sighting.anchor is None else "range"
+        std, least = float(np.hypot(sighting.std, at.position_std if at is not None else 0.0)), s.min_gate
+        if sighting.anchor is None:
+            least, std = s.min_prism_gate, float(np.hypot(std, np.sqrt(np.trace(way))))
+            off, std = self._off_filter(sighting, pose, off, std)
+        refused = {"anchor": sighting.anchor, "off_m": float(off)}
+        if pose is not None and off > max(least, s.max_innovation * std):
+            self._journal.event(sighting.stamp_ns, f"{kind}_refused", **refused)
+            return
+        if sighting.anchor in self._anchors_that_are["blocked"]:
+            self._journal.event(sighting.stamp_ns, "range_refused", **refused, why="blocked")
+            return
+        if sighting.anchor is None:
+            variance = sighting.std**2 * sighting.alike + self.settings.graph.drift_position**2
+            R = graph.pose(index)[:3, :3]
+            graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3) + R @ way @ R.T)
+        else:
+            noise = sighting.std * np.sqrt(sighting.alike)
+            graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, distance, noise)
+        self._watch.fitted("prism" if sighting.anchor is None else "uwb", sighting.anchor, sighting.stamp_ns)
+        self._journal.counts["pins"] += 1
+        self._track.dirty = True
+
+    def _off_filter(self, fix: Sighting, pose: OdometryPose | None, off: float, std: float) -> tuple[float, float]:
+        """How far a fix is off where the filter has the prism, and how well it knows that; it knows better than the
+        graph, which may have begun with a wrong heading."""
+        engine, station = self._engine, self.rig.total_station
+        if pose is None or engine is None or station is None or engine.filter.state.T_map_odom is None:
+            return off, std
+        T_map_unmoved = engine.filter.state.T_map_odom @ pose.T_odom_imu @ inverse(self._track.unmoved(pose))
+        predicted = transform(T_map_unmoved, fix.p_odom[None])[0]
+        model = PrismPosition(fix.p_map, np.array(station.p_imu_prism), fix.std)
+        off = float(np.linalg.norm(predicted - fix.p_map))
+        return off, float(np.hypot(fix.std, model.predicted_std(engine.filter)))
+
+    def _from_keyframe(self, sighting: Sighting, pose: OdometryPose | None) -> tuple[int, Array, Array]:
+        """The keyframe before a sighting, the sighted point (3,) in its axes, and what the way from there is off by:
+        (3, 3), for a fix that came with the newest scan."""
+        stamps = [stamp for stamp, _ in self._track.keyframes]
+        index = max(0, int(np.searchsorted(stamps, sighting.stamp_ns, side="right")) - 1)
+        p_imu = transform(inverse(self._track.leg.unmoved[index]), sighting.p_odom[None])[0]
+        if pose is None or sighting.anchor is not None or index != len(stamps) - 1 - pose.keyframe:
+            return index, p_imu, np.zeros((3, 3))
+        R = pose.T_keyframe_imu[:3, :3]
+        return index, p_imu, R @ pose.since_keyframe[3:, 3:] @ R.T
+
+    def _true_distance(self, sighting: Sighting) -> float:
+        """As the filter has come to know the radios."""
+        engine = self._engine
+        if sighting.anchor is None or engine is None:
+            return sighting.distance
+        return engine.filter.true_distance(sighting.anchor, sighting.distance)
