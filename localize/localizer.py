@@ -159,7 +159,7 @@ class Localizer:
             final = replace(final, poses=shifted(final.poses, self._shift))
         return LocalizationResult(
             final, trajectory(frame, self._realtime_track), odometry, tuple(self._events), self._summary(),
-            tuple(self._watch.uncertainty),
+            tuple(self._watch.uncertainty), tuple(one for leg in self._legs for one in leg.covariances()),
         )  # fmt: skip
 
     @property
@@ -192,7 +192,7 @@ class Localizer:
         """The steps of paper 004 section 3 for one scan."""
         if not self._leg.odometry and self._odometry_track:
             self._T_odom_leg = going_on(self._odometry_track[-1][1], pose.T_odom_imu)
-        self._leg.odometry.append((pose.stamp_ns, pose.T_odom_imu))
+        self._leg.odometry.append((pose.stamp_ns, self._leg.unmoved_to(pose.T_odom_imu, pose.T_keyframe_imu)))
         self._odometry_track.append((pose.stamp_ns, self._T_odom_leg @ pose.T_odom_imu))
         self._counts["scans"] += 1
         if pose.keyframe:
@@ -213,14 +213,14 @@ class Localizer:
         return update
 
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
-        keyframe = self._keyframes.add(pose)
+        T_odom_imu = self._leg.odometry[-1][1]
+        keyframe = self._keyframes.add(pose, T_odom_imu)
         self._graph.add_keyframe(
             keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._links.of(pose), pose.up_std
         )
         self._links.keyframe(pose)
-        self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
-        unmoved = self._leg.unmoved
-        unmoved.append(unmoved[-1] @ pose.T_keyframe_imu if unmoved else pose.T_odom_imu)
+        self._keyframe_track.append((keyframe.stamp_ns, pose.T_odom_imu))
+        self._leg.unmoved.append(T_odom_imu)
         self._counts["keyframes"] += 1
         if self._at is not None:
             self._at = carried(self._at, *self._graph.link(len(self._graph) - 1))
@@ -288,7 +288,7 @@ class Localizer:
     def _pin_intersections(self, pins: tuple[Place, ...], stamp_ns: int) -> None:
         leg, last = self._leg, pins[-1]
         if not self._graph.anchored:
-            _, T_odom_imu = leg.keyframes[last.keyframe - leg.first_keyframe]
+            T_odom_imu = leg.unmoved[last.keyframe - leg.first_keyframe]
             self._anchor(last.T_map_imu @ inverse(T_odom_imu), stamp_ns, "intersection")
         for pin in pins:
             index = pin.keyframe - leg.first_keyframe
@@ -301,7 +301,7 @@ class Localizer:
         self._share_place()
 
     def _take_sightings(self, pose: OdometryPose) -> None:
-        sightings = self._sightings.reached(pose.stamp_ns, self._unmoved(pose))
+        sightings = self._sightings.reached(pose.stamp_ns, self._leg.odometry[-1][1])
         if not sightings or self._newest is None:
             return
         if self._graph.anchored:
@@ -432,16 +432,11 @@ class Localizer:
         engine, station = self._odometry.odometry, self.rig.total_station
         if pose is None or engine is None or station is None or engine.filter.state.T_map_odom is None:
             return off, std
-        T_map_unmoved = engine.filter.state.T_map_odom @ pose.T_odom_imu @ inverse(self._unmoved(pose))
+        T_map_unmoved = engine.filter.state.T_map_odom @ pose.T_odom_imu @ inverse(self._leg.odometry[-1][1])
         predicted = transform(T_map_unmoved, fix.p_odom[None])[0]
         model = PrismPosition(fix.p_map, np.array(station.p_imu_prism), fix.std)
         off = float(np.linalg.norm(predicted - fix.p_map))
         return off, float(np.hypot(fix.std, model.predicted_std(engine.filter)))
-
-    def _unmoved(self, pose: OdometryPose) -> Array:
-        """Pose (4, 4) of the newest scan in odom, had no range or fix ever moved it."""
-        newest = self._leg.unmoved[-1]
-        return newest if pose.keyframe else newest @ pose.T_keyframe_imu
 
     def _from_keyframe(self, sighting: Sighting, pose: OdometryPose | None) -> tuple[int, Array, Array]:
         """The keyframe before a sighting, the sighted point (3,) in its axes, and what the way from there is off by:
