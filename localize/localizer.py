@@ -214,7 +214,7 @@ class Localizer:
 
     def _add_keyframe(self, pose: OdometryPose) -> Keyframe:
         T_odom_imu = self._leg.odometry[-1][1]
-        keyframe = self._keyframes.add(pose, T_odom_imu)
+        keyframe = self._keyframes.add(pose, T_odom_imu, self._links.settling_m(pose))
         self._graph.add_keyframe(
             keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, self._links.of(pose), pose.up_std
         )
