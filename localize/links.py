@@ -77,7 +77,7 @@ class LinkCovariances:
         D = (R @ axes) @ np.diag(np.where(sees, falls, 1.0)) @ (R @ axes).T
         self._unsettled = D @ self._unsettled @ D
         for u, _ in blind:
-            more = np.sqrt(u @ pose.covariance[VELOCITY, VELOCITY] @ u) - u @ self._unsettled @ u
+            more = float(np.sqrt(u @ pose.covariance[VELOCITY, VELOCITY] @ u) - u @ self._unsettled @ u)
             self._unsettled += max(0.0, more) * np.outer(u, u)
 
     def _blind(self, pose: OdometryPose) -> list[tuple[Array, float]]:

@@ -120,7 +120,7 @@ def row_of(result: LocalizationResult, updates: list[Update], there: SemanticMap
     """Figures of a flight."""
     told, live = passes(result, there, truth), errors(result.realtime, truth)
     first_ns = result.realtime.stamps_ns[0] if len(result.realtime) else None
-    known_s = float("nan") if first_ns is None else (first_ns - result.odometry.stamps_ns[0]) * 1e-9
+    known_s = float("nan") if first_ns is None else float(first_ns - result.odometry.stamps_ns[0]) * 1e-9
     final = errors(result.trajectory, truth)
     return Row(
         truth.length(), told.passes, told.constrained, told.pins, told.false, wrong_poses(updates, truth), known_s,
