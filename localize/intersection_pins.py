@@ -124,7 +124,7 @@ class IntersectionPins:
     def _pin(self, pins: tuple[Place, ...], stamp_ns: int) -> None:
         track, leg, last = self._track, self._track.leg, pins[-1]
         if not track.graph.anchored:
-            _, T_odom_imu = leg.keyframes[last.keyframe - leg.first_keyframe]
+            T_odom_imu = leg.unmoved[last.keyframe - leg.first_keyframe]
             track.anchor(last.T_map_imu @ inverse(T_odom_imu), stamp_ns, "intersection")
         self._journal.recognised.update(pin.intersection for pin in pins)
         for pin in pins:

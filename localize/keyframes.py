@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,6 @@ from localize.settings import KeyframeSettings
 from localize.voxel_map import voxel_means
 from semmap.geometry import Array, inverse, rotation_between, se3, transform, yaw_rotation
 
-_STILL = 1e-7
-"""Less than this [m, or 1] is rounding."""
 _KEPT = 60
 """Keyframes kept: those of a passage of one intersection."""
 
@@ -24,7 +22,8 @@ _KEPT = 60
 class Keyframe:
     """A scan that was kept.
 
-    index : number from 0. T_odom_imu : (4, 4). up_odom : (3,) unit vector against gravity.
+    index : number from 0. T_odom_imu : (4, 4), one motion on top of the other: ranges, or the end of a smooth drift,
+    move the filter's odom, but not this. up_odom : (3,) unit vector against gravity.
     points : (n, 3) float32, deskewed and thinned, in the imu frame.
     p_imu_sensor : (3,) where the lidar was. way_std : of the way from the keyframe before [m].
     """
@@ -36,10 +35,6 @@ class Keyframe:
     points: NDArray[np.float32]
     p_imu_sensor: Array
     way_std: float
-
-    def moved(self, T: Array) -> Keyframe:
-        """The keyframe as it lies after odom's ``T`` (4, 4) moved it."""
-        return replace(self, T_odom_imu=T @ self.T_odom_imu, up_odom=T[:3, :3] @ self.up_odom)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,20 +62,20 @@ class Keyframes:
         self.count = 0
         self._last: deque[Keyframe] = deque(maxlen=max(settings.stacked, _KEPT))
 
-    def add(self, pose: OdometryPose) -> Keyframe:
-        """Keep a scan. Where ranges moved odom since the last one, the others move along: they lie as they lay."""
-        if self._last:
-            moved = pose.T_odom_imu @ inverse(self._last[-1].T_odom_imu @ pose.T_keyframe_imu)
-            if not np.allclose(moved, np.eye(4), atol=_STILL):
-                self._last = deque((keyframe.moved(moved) for keyframe in self._last), self._last.maxlen)
+    def add(self, pose: OdometryPose, T_odom_imu: Array, settling_m: float = 0.0) -> Keyframe:
+        """Keep a scan.
+
+        ``T_odom_imu`` (4, 4) is its place in an odom that nothing ever moved; ``settling_m`` what the way to it may be
+        off by beyond what the filter says [m].
+        """
         keyframe = Keyframe(
             self.count,
             pose.stamp_ns,
-            pose.T_odom_imu,
-            -pose.state.g / np.linalg.norm(pose.state.g),
+            T_odom_imu,
+            T_odom_imu[:3, :3] @ pose.up_imu,
             voxel_means(pose.points, self.settings.voxel).astype(np.float32),
             pose.state.T_imu_lidar[:3, 3],
-            float(np.sqrt(np.trace(pose.since_keyframe[3:, 3:]))),
+            float(np.hypot(np.sqrt(np.trace(pose.since_keyframe[3:, 3:])), settling_m)),
         )
         self.count += 1
         self._last.append(keyframe)

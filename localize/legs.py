@@ -18,8 +18,9 @@ class Leg:
     """One stretch.
 
     graph : its keyframes. first_keyframe : the number of the first of them in the run.
-    keyframes, odometry : stamps and poses ``T_odom_imu`` of its keyframes and of its scans.
-    unmoved : poses of its keyframes in odom, had no range or fix ever moved it: one motion on top of the other.
+    keyframes : stamps and poses ``T_odom_imu`` of its keyframes, as the filter had them.
+    odometry, unmoved : stamps and poses of its scans, and poses of its keyframes, had nothing ever moved the filter's
+    odom: one motion on top of the other.
     pinned : ids of the intersections that pin it. last_pin_ns : stamp of the last keyframe that one pins.
     """
 
@@ -30,6 +31,10 @@ class Leg:
     unmoved: list[Array] = field(default_factory=list)
     pinned: set[int] = field(default_factory=set)
     last_pin_ns: int = 0
+
+    def unmoved_to(self, T_odom_imu: Array, T_keyframe_imu: Array) -> Array:
+        """Pose (4, 4) of a scan in an odom that nothing ever moved, by its way from the last keyframe."""
+        return self.unmoved[-1] @ T_keyframe_imu if self.unmoved else T_odom_imu
 
     def split(self, keyframe: int) -> Leg:
         """The leg that begins at a keyframe of this one, by its number in the run; this one ends with its last pin.
@@ -50,6 +55,13 @@ class Leg:
             return trajectory("map", [])
         stamps = np.array([stamp for stamp, _ in self.keyframes], np.int64)
         return smoothed(trajectory("odom", self.odometry), stamps, self.graph.poses()[: len(stamps)])
+
+    def covariances(self) -> list[tuple[int, Array]]:
+        """Stamp and covariance (6, 6) of each keyframe in the map, once `smoothed`; none without a place there."""
+        if not self.graph.anchored or not self.odometry:
+            return []
+        stamps = [stamp for stamp, _ in self.keyframes if stamp <= self.odometry[-1][0]]
+        return [(stamp, self.graph.covariance(index)) for index, stamp in enumerate(stamps)]
 
 
 def trajectory(frame: str, track: Sequence[tuple[int, Array]]) -> Trajectory:

@@ -155,7 +155,7 @@ class Localizer:
             final = replace(final, poses=shifted(final.poses, self._shift))
         return LocalizationResult(
             final, trajectory(frame, self._realtime_track), odometry, tuple(self._journal.events), self._summary(),
-            tuple(self._watch.uncertainty),
+            tuple(self._watch.uncertainty), tuple(one for leg in self._track.legs for one in leg.covariances()),
         )  # fmt: skip
 
     def _begin_leg(self) -> None:
@@ -187,14 +187,15 @@ class Localizer:
         leg = self._track.leg
         if not leg.odometry and self._odometry_track:
             self._T_odom_leg = going_on(self._odometry_track[-1][1], pose.T_odom_imu)
-        leg.odometry.append((pose.stamp_ns, pose.T_odom_imu))
+        leg.odometry.append((pose.stamp_ns, leg.unmoved_to(pose.T_odom_imu, pose.T_keyframe_imu)))
         self._odometry_track.append((pose.stamp_ns, self._T_odom_leg @ pose.T_odom_imu))
         self._journal.counts["scans"] += 1
 
     def _add_keyframe(self, pose: OdometryPose) -> None:
         if self._on_keyframe is not None:
             self._on_keyframe(pose.stamp_ns, pose.points)
-        self._track.add_keyframe(self._keyframes.add(pose), pose, self._links.of(pose))
+        keyframe = self._keyframes.add(pose, self._track.unmoved, self._links.settling_m(pose))
+        self._track.add_keyframe(keyframe, pose, self._links.of(pose))
         self._links.keyframe(pose)
         if self._own_frame and len(self._track.graph) == len(self._track.legs) == 1:
             self._track.stay()

@@ -242,20 +242,29 @@ class IntersectionMatcher:
                 continue
             intersection = self.known.intersections[candidate.row]
             verification = self._verifier.verify(points, intersection, T, completeness=candidate.completeness)
+            if self._fits(verification):
+                own = self._verifier.around(look.stack.clouds[-1], look.observation.p)
+                verification = self._verifier.unbent(verification, own, intersection, self._floor())
             places.append(self._place(look, candidate.row, verification))
         return places
 
-    def _place(self, look: _Look, row: int, verification: Verification) -> Place:
+    def _fits(self, verification: Verification) -> bool:
         s, v = self.settings.verification, verification
+        return v.points >= s.min_points and v.fit >= s.min_fit and v.icp_distance <= s.max_icp_distance
+
+    def _floor(self) -> Array:
+        """Least covariance (6, 6) of a pin."""
+        g = self.settings.graph
+        return np.diag(np.repeat([g.pin_rotation, g.pin_position], 3) ** 2)
+
+    def _place(self, look: _Look, row: int, verification: Verification) -> Place:
+        v = verification
         T_map_local = self.known.in_map(row, v.T_map_local)
         carried = adjoint(look.T_imu_local)
-        g = self.settings.graph
-        floor = np.diag(np.repeat([g.pin_rotation, g.pin_position], 3) ** 2)
-        fits = v.points >= s.min_points and v.fit >= s.min_fit and v.icp_distance <= s.max_icp_distance
         return Place(
             look.keyframe.index, self._id(row), T_map_local @ inverse(look.T_imu_local),
-            carried @ v.covariance @ carried.T + floor, self.known.T_map_cloud(row), v.fit, v.likeness,
-            v.icp_distance, fits,
+            carried @ v.covariance @ carried.T + self._floor(), self.known.T_map_cloud(row), v.fit, v.likeness,
+            v.icp_distance, self._fits(v),
         )  # fmt: skip
 
     def _id(self, row: int) -> int:

@@ -20,7 +20,7 @@ from localize.settings import KeyframeSettings, OdometrySettings, PrismSettings
 from localize.slip import WheelFusion
 from localize.state import GRAVITY, POSITION, ROTATION, NavState
 from localize.uwb import Vertical
-from semmap.geometry import Array, inverse, rotation_angle, skew, transform
+from semmap.geometry import Array, inverse, rotation_angle, se3_log, skew, transform
 from semmap.measurements import ImuSample, Measurement, PrismFix, Scan, UwbRange, WheelSpeed
 from semmap.rig import Rig
 
@@ -28,6 +28,9 @@ _TICK_NS = 100_000_000
 """Without a LiDAR poses come at this interval."""
 _VERTICAL_STD, _LEVELLED_STD = 0.002, 0.0002
 """How well the axes of the map stand upright [rad], and those of a total station, which levels itself."""
+_NO_MOTION = 22.5
+"""Squared Mahalanobis distance beyond which what moved the last keyframe is no error of the way since (one of a
+thousand is larger, with 6 degrees of freedom)."""
 _GAP_NS = 50_000_000
 """A hole in the IMU's stamps longer than this is counted in ``gaps``; the rates are interpolated across it."""
 
@@ -41,7 +44,7 @@ class OdometryPose:
     that were used; empty without a scan.
     matched : scan points that met a plane; considered : scan points tried.
     keyframe : whether the filter moved far enough since the last one (paper 004 Eq. 8, 9).
-    T_keyframe_imu : (4, 4) pose relative to the last keyframe; where ranges came in between, as now known of both.
+    T_keyframe_imu : (4, 4) pose relative to the last keyframe; where that was moved meanwhile, as now known of both.
     since_keyframe : (6, 6) covariance of that, rotation first, right perturbation.
     scan_information : (6, 6) what the scan alone says of the pose, None without one (see `ScanMatch`).
     dust : share of the scan's near points that lie in dust, see `localize.dust`.
@@ -204,7 +207,8 @@ class Odometry:
             surfaces = self.map.surfaces(sparse, deskewed)
             match = self.map.match(surfaces, self.filter)
             self.map.extend(surfaces, self.filter)
-        T_keyframe_imu, covariance = self._since_keyframe(), self.filter.covariance_since_clone()
+        covariance = self.filter.covariance_since_clone()
+        T_keyframe_imu = self._since_keyframe(covariance)
         keyframe = self._keyframe_rule()
         if keyframe and scan is not None:
             deskewed = track.deskew(scan.points, scan.offsets_ns, scan.stamp_ns, T_imu_lidar)
@@ -214,15 +218,22 @@ class Odometry:
             T_keyframe_imu, covariance, match.information, dust,
         )  # fmt: skip
 
-    def _since_keyframe(self) -> Array:
+    def _since_keyframe(self, covariance: Array) -> Array:
         """Pose (4, 4) relative to the last keyframe.
 
-        Ranges move the pose and the last keyframe together, by what odometry had slid before: that is no motion.
+        What odometry had slid before is no motion, when ranges, or the first rock after a smooth drift, tell of it:
+        pose and last keyframe move together. What moves the keyframe by no more than the error of the way belongs to
+        the way all the same: where scans hold the place, the keyframe was off by that.
         """
-        T = self.filter.state.T_odom_imu
+        s = self.filter.state
         if self._T_odom_keyframe is None:
             return np.eye(4)
-        return inverse(self.filter.state.T_odom_clone if self._ranged else self._T_odom_keyframe) @ T
+        way = inverse(s.T_odom_clone) @ s.T_odom_imu
+        if self._ranged:
+            return way
+        odometrys = inverse(self._T_odom_keyframe) @ s.T_odom_imu
+        moved = se3_log(inverse(way) @ odometrys)
+        return odometrys if moved @ np.linalg.solve(covariance, moved) < _NO_MOTION else way
 
     def _keyframe_rule(self) -> bool:
         """Whether this pose is a keyframe (paper 004 Eq. 8, 9); the first is."""

@@ -64,6 +64,8 @@ class LocalizationResult:
     ``odom``: corrected by loops, and without what came after a break, unless a loop joined it.
     realtime : what was known when each scan was done. odometry : the filter alone, in ``odom``.
     events : in order of time. summary : counts. uncertainty : one a scan.
+    smoothed : stamps of the keyframes that have a place in the map, with the covariance (6, 6) that their poses in
+    ``trajectory`` have (rotation first, perturbed on the right).
     """
 
     trajectory: Trajectory
@@ -72,3 +74,4 @@ class LocalizationResult:
     events: tuple[Event, ...]
     summary: dict[str, Any]
     uncertainty: tuple[Uncertainty, ...]
+    smoothed: tuple[tuple[int, Array], ...]

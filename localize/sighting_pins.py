@@ -71,7 +71,7 @@ class SightingPins:
         self._anchor_standing(pose)
 
     def _pin_or_align(self, pose: OdometryPose) -> None:
-        sightings = self.sightings.reached(pose.stamp_ns, self._track.unmoved(pose))
+        sightings = self.sightings.reached(pose.stamp_ns, self._track.unmoved)
         if not sightings or self._track.newest is None:
             return
         if self._track.graph.anchored:
@@ -208,7 +208,7 @@ class SightingPins:
         engine, station = self._engine, self.rig.total_station
         if pose is None or engine is None or station is None or engine.filter.state.T_map_odom is None:
             return off, std
-        T_map_unmoved = engine.filter.state.T_map_odom @ pose.T_odom_imu @ inverse(self._track.unmoved(pose))
+        T_map_unmoved = engine.filter.state.T_map_odom @ pose.T_odom_imu @ inverse(self._track.unmoved)
         predicted = transform(T_map_unmoved, fix.p_odom[None])[0]
         model = PrismPosition(fix.p_map, np.array(station.p_imu_prism), fix.std)
         off = float(np.linalg.norm(predicted - fix.p_map))

@@ -57,9 +57,8 @@ class Track:
         """The newest keyframe, and the covariance (6, 6) of the way to it."""
         self.newest = keyframe
         self.graph.add_keyframe(keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, covariance, pose.up_std)
-        self.keyframes.append((keyframe.stamp_ns, keyframe.T_odom_imu))
-        unmoved = self.leg.unmoved
-        unmoved.append(unmoved[-1] @ pose.T_keyframe_imu if unmoved else pose.T_odom_imu)
+        self.keyframes.append((keyframe.stamp_ns, pose.T_odom_imu))
+        self.leg.unmoved.append(keyframe.T_odom_imu)
         self.journal.counts["keyframes"] += 1
         if self.at is not None:
             self.at = carried(self.at, *self.graph.link(len(self.graph) - 1))
@@ -101,7 +100,7 @@ class Track:
         assert self.at is not None
         return self.at.T_map_imu @ inverse(self.keyframes[-1][1])
 
-    def unmoved(self, pose: OdometryPose) -> Array:
-        """Pose (4, 4) of the newest scan in odom, had no range or fix ever moved it."""
-        newest = self.leg.unmoved[-1]
-        return newest if pose.keyframe else newest @ pose.T_keyframe_imu
+    @property
+    def unmoved(self) -> Array:
+        """Pose (4, 4) of the newest scan in an odom that nothing ever moved."""
+        return self.leg.odometry[-1][1]

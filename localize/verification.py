@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import small_gicp
@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from localize.settings import VerificationSettings
 from localize.voxel_map import voxel_means
-from semmap.geometry import Array, se3, transform, yaw_rotation
+from semmap.geometry import Array, inverse, se3, se3_log, transform, yaw_rotation
 from semmap.intersections import Intersection
 
 _COARSE_DISTANCE = 1.5
@@ -24,6 +24,9 @@ _NEIGHBOURS = 20
 """Points a normal of the map is estimated from."""
 _MAP_VOXEL = 0.125
 """Points of the map are averaged over voxels of this edge [m]."""
+_BENT = 16.8
+"""Squared Mahalanobis distance from which a stack's place is not the newest keyframe's own (one of a hundred is larger,
+with 6 degrees of freedom)."""
 _SHARED_M2 = 1.25
 """Pairs on so much wall share one error of map and odometry; divides the information."""
 
@@ -107,6 +110,22 @@ class Verifier:
             len(points),
             covariance,
         )
+
+    def unbent(self, stacks: Verification, own: Array, intersection: Intersection, floor: Array) -> Verification:
+        """A stack's verification with the place that the newest keyframe's ``own`` points (m, 3) have by themselves, if
+        the two contradict each other.
+
+        Then the stack is bent: behind a smooth drift odometry may err for some metres without knowing it, and older
+        keyframes pull the newest along. floor : (6, 6) least covariance of either place.
+        """
+        if len(own) < self.settings.min_points:
+            return stacks
+        T_cloud_local = se3(stacks.T_map_local[:3, :3], stacks.T_map_local[:3, 3] - intersection.p_map)
+        alone = self.verify(own, intersection, T_cloud_local)
+        apart = se3_log(inverse(stacks.T_map_local) @ alone.T_map_local)
+        if apart @ np.linalg.solve(stacks.covariance + alone.covariance + 2.0 * floor, apart) < _BENT:
+            return stacks
+        return replace(stacks, T_map_local=alone.T_map_local, covariance=alone.covariance)
 
     def _distances(self, points: Array, target: _Target, T: Array) -> tuple[Array, NDArray[np.intp]]:
         """Of each point (n,) how far it is from the map's surface, infinite where there is none, and the nearest."""

@@ -1,13 +1,16 @@
-"""The stack of the last keyframes: seen things lie where they lay, also when ranges move odom under the robot."""
+"""The stack of the last keyframes: seen things lie where they lay, also when ranges, or the first rock after a smooth
+drift, move odom under the robot."""
 
 import numpy as np
 import pytest
 
+from localize.filter import ErrorStateFilter
 from localize.keyframes import Keyframes, stacked
-from localize.odometry import OdometryPose
-from localize.settings import KeyframeSettings
-from localize.state import NavState
+from localize.odometry import Odometry, OdometryPose
+from localize.settings import KeyframeSettings, OdometrySettings
+from localize.state import ERROR_DIM, NavState
 from semmap.geometry import inverse, se3, so3_exp, transform
+from tools.simulator import default_rig
 
 WALL = np.random.default_rng(0).uniform(-8.0, 8.0, size=(400, 3))
 """In the frame of a first, undisturbed odom."""
@@ -33,26 +36,34 @@ def seen(true, odom, before, g):
 def test_the_stack_survives_odom_being_moved(seed):
     rng = np.random.default_rng(seed)
     keyframes = Keyframes(SETTINGS)
-    true, odom, g = np.eye(4), np.eye(4), np.array([0.0, 0.0, -9.81])
-    keyframes.add(seen(true, odom, np.eye(4), g))
+    true, odom, unmoved, g = np.eye(4), np.eye(4), np.eye(4), np.array([0.0, 0.0, -9.81])
+    keyframes.add(seen(true, odom, np.eye(4), g), unmoved)
     for number in range(6):
         step = se3(so3_exp(0.1 * rng.normal(size=3)), [1.0, 0.0, 0.0])
-        true, odom = true @ step, odom @ step
+        true, odom, unmoved = true @ step, odom @ step, unmoved @ step
         if number in (2, 4):
             # ranges take back metres of sliding, and lean odom by a little
             moved = se3(so3_exp([0.01, -0.02, 0.05]), rng.normal(size=3))
             odom, g = moved @ odom, moved[:3, :3] @ g
-        keyframes.add(seen(true, odom, step, g))
+        keyframes.add(seen(true, odom, step, g), unmoved)
     stack = stacked(keyframes.last)
     clouds = [np.sort(cloud, axis=0) for cloud in stack.clouds]
     for cloud in clouds[:-1]:
         np.testing.assert_allclose(cloud, clouds[-1], atol=1e-5)
-    np.testing.assert_allclose(stack.T_odom_local[:3, 3], odom[:3, 3])
+    np.testing.assert_allclose(stack.T_odom_local[:3, 3], unmoved[:3, 3])
+    np.testing.assert_allclose(keyframes.last[-1].up_odom, unmoved[:3, :3] @ odom[:3, :3].T @ [0, 0, 1], atol=0.05)
 
 
-def test_nothing_is_touched_where_nothing_moved():
-    keyframes, odom, g = Keyframes(SETTINGS), np.eye(4), np.array([0.0, 0.0, -9.81])
-    first = keyframes.add(seen(odom, odom, np.eye(4), g))
-    step = se3(so3_exp([0.0, 0.0, 0.3]), [1.0, 0.1, 0.0])
-    keyframes.add(seen(odom @ step, odom @ step, step, g))
-    assert keyframes._last[0] is first
+@pytest.mark.parametrize(("moved_m", "is_motion"), [(0.002, True), (16.0, False)])
+def test_what_moves_the_last_keyframe_too_is_motion_only_within_the_error_of_the_way(moved_m, is_motion):
+    """The first rock after a smooth drift takes back what odometry slid: pose and last keyframe move together."""
+    first, step = se3(so3_exp([0.0, 0.0, 0.4]), [5.0, 1.0, 0.0]), se3(so3_exp([0.0, 0.0, 0.1]), [0.8, 0.0, 0.0])
+    moved = se3(np.eye(3), [moved_m, 0.0, 0.0])
+    state = state_at(moved @ first @ step, np.array([0.0, 0.0, -9.81]))
+    state.T_odom_clone = moved @ first
+    rig = default_rig()
+    start = ErrorStateFilter(state, np.eye(ERROR_DIM), 0, rig.imu)
+    engine = Odometry(rig, OdometrySettings(), KeyframeSettings(), start)
+    engine._T_odom_keyframe = first
+    way = engine._since_keyframe(np.diag(np.repeat([0.001, 0.003], 3) ** 2))
+    np.testing.assert_allclose(way, inverse(first) @ moved @ first @ step if is_motion else step, atol=1e-12)

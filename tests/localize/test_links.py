@@ -1,5 +1,6 @@
 """Links of the graph: their sum over a blind drift is the way's error, and elsewhere they stay what the filter says."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -23,8 +24,16 @@ def pose(k, *, blind):
     link = np.diag([1e-4, 1e-4, 1e-4, SPEED_STD * STEP_S, 1e-3, 1e-3]) ** 2
     return SimpleNamespace(
         stamp_ns=round(k * STEP_S * 1e9), T_odom_imu=se3(R, [1.0 * k, 0.0, 0.0]), covariance=P,
-        since_keyframe=link, scan_information=information,
+        since_keyframe=link, scan_information=information, T_keyframe_imu=se3(np.eye(3), [1.0, 0.0, 0.0]),
     )  # fmt: skip
+
+
+def sure(k):
+    """Keyframe ``k``, of which the filter says that it knows the velocity to a millimetre a second, and the way."""
+    now = pose(k, blind=False)
+    now.covariance[VELOCITY, VELOCITY] = 1e-6 * np.eye(3)
+    now.since_keyframe[3, 3] = 1e-6
+    return now
 
 
 def chain(blind):
@@ -54,3 +63,26 @@ def test_what_a_drift_was_off_by_ends_with_it():
     two = chain([*[True] * 50, *[False] * 5, *[True] * 50])
     one = chain([True] * 100)
     assert two[3] < 0.8 * one[3]
+
+
+def test_behind_a_drift_the_velocity_is_believed_after_some_metres_only():
+    """However sure the filter is at once: the first scans lie in the local map as the velocity's error put them."""
+    links = LinkCovariances(SETTINGS, weak_std=0.05)
+    for k in range(20):
+        links.keyframe(pose(k, blind=True))
+    stds, settling = [], []
+    for k in range(20, 40):
+        now = sure(k)
+        stds.append(np.sqrt(links.of(now)[3, 3]))
+        settling.append(links.settling_m(now))
+        links.keyframe(now)
+    assert stds[0] == pytest.approx(SPEED_STD * STEP_S, rel=0.05)
+    assert all(later < before for before, later in pairwise(settling) if before)
+    assert stds[3] < 0.5 * stds[0] and stds[-1] < 0.002
+
+
+def test_where_no_drift_was_the_filter_is_taken_at_its_word():
+    links = LinkCovariances(SETTINGS, weak_std=0.05)
+    for k in range(10):
+        links.keyframe(sure(k))
+    assert links.settling_m(sure(10)) == 0.0

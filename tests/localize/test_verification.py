@@ -132,3 +132,19 @@ def test_rock_that_is_only_alike_fits_but_is_less_like():
     same, other = compared(1), compared(2)
     assert same.fit > 0.95 and other.fit > 0.8
     assert same.likeness > other.likeness + 0.2
+
+
+@pytest.mark.parametrize("bent_m", [0.0, 0.2])
+def test_a_bent_stack_does_not_pull_the_newest_keyframe_along(bent_m):
+    """Of three keyframes' points the older two lie ahead of where they were seen."""
+    target = intersection(crossing(np.random.default_rng(0), T_BEARINGS))
+    rng = np.random.default_rng(1)
+    clouds = [crossing(rng, T_BEARINGS) + [ahead, 0.0, 0.0] for ahead in (bent_m, bent_m, 0.0)]
+    verifier, floor = Verifier(VerificationSettings()), np.diag(np.repeat([0.001, 0.005], 3) ** 2)
+    stacks = check(verifier, np.concatenate(clouds), np.zeros(3), target, 0.0)
+    own = verifier.around(np.asarray(clouds[-1], np.float32), np.zeros(3))
+    unbent = verifier.unbent(stacks, own, target, floor)
+    assert (unbent is stacks) == (bent_m == 0.0)
+    error = se3_log(inverse(se3(np.eye(3), P_MAP)) @ unbent.T_map_local)
+    assert np.abs(error[3:]).max() < 0.03
+    assert error @ np.linalg.solve(unbent.covariance + floor, error) < 16.8

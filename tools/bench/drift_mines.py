@@ -3,9 +3,9 @@
     python -m tools.bench.drift_mines --seeds 3
 
 Along such a drift nothing tells the way but the IMU, and the wheel if there is one. Printed per mine [m]: how far the
-odometry is off at the worst, the errors in real time and how they agree with their covariance (normalised error squared
-over its dimension), how far the pose is off within two seconds after each crossing's first pin, the smoothed track, and
-false pins.
+odometry is off at the worst, the errors in real time, how far the pose is off within two seconds after each crossing's
+first pin, the smoothed track, and false pins; and how errors agree with their covariance (normalised error squared over
+its dimension), in real time and of the smoothed track.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from rich.console import Console
 
 from localize import LocalizationResult, Localizer
+from semmap.geometry import Array
 from semmap.intersections import SemanticMap
 from semmap.rig import LidarBlock, Rig
 from semmap.trajectory import Trajectory
@@ -40,6 +41,7 @@ class Row:
     after_pin: float
     final_rmse: float
     final_max: float
+    final_nees: float
     passes: int
     constrained: int
     false: int
@@ -81,16 +83,29 @@ def row_of(result: LocalizationResult, there: SemanticMap, truth: Trajectory) ->
     )
     told = passes(result, there, truth)
     return Row(
-        float(odometry.max()), _rms(live), _nees(result, truth), float(after.max()), _rms(final),
-        float(final.max(initial=0.0)), told.passes, told.constrained, told.false,
+        float(odometry.max()), _rms(live), _live_nees(result, truth), float(after.max()), _rms(final),
+        float(final.max(initial=0.0)), _final_nees(result, truth), told.passes, told.constrained, told.false,
     )  # fmt: skip
 
 
-def _nees(result: LocalizationResult, truth: Trajectory) -> float:
+def _live_nees(result: LocalizationResult, truth: Trajectory) -> float:
     """Mean over the poses in real time of the position's normalised error squared, by its dimension."""
     P = {row.stamp_ns: row.position_map for row in result.uncertainty if row.position_map is not None}
     off = result.realtime.positions - truth.at(result.realtime.stamps_ns)[:, :3, 3]
-    squared = [e @ np.linalg.solve(P[s], e) / 3.0 for s, e in zip(result.realtime.stamps_ns.tolist(), off, strict=True)]
+    return _nees(off, [P[stamp] for stamp in result.realtime.stamps_ns.tolist()])
+
+
+def _final_nees(result: LocalizationResult, truth: Trajectory) -> float:
+    """The same of the smoothed keyframes."""
+    stamps = np.array([stamp for stamp, _ in result.smoothed], np.int64)
+    poses = result.trajectory.at(stamps)
+    # covariances are in the axes of the imu
+    off = np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3] - truth.at(stamps)[:, :3, 3])
+    return _nees(off, [covariance[3:, 3:] for _, covariance in result.smoothed])
+
+
+def _nees(off: Array, covariances: list[Array]) -> float:
+    squared = [e @ np.linalg.solve(P, e) / 3.0 for e, P in zip(off, covariances, strict=True)]
     return float(np.mean(squared)) if squared else float("nan")
 
 
@@ -106,7 +121,7 @@ def main() -> None:
     for seed in range(1, options.seeds + 1):
         mine = dig(drifts(seed))
         there = map_of(mine, seed)
-        flight = fly(mine, rig=_rig(), settings=SimulationSettings(), seed=seed)
+        flight = fly(mine, rig=drift_rig(), settings=SimulationSettings(), seed=seed)
         measurements = list(simulate_measurements(flight))
         for without in ((), ("wheel",)):
             localizer = Localizer(flight.rig.without(*without), there)
@@ -114,22 +129,25 @@ def main() -> None:
             row = row_of(localizer.finish(), there, flight.truth())
             told = (f"{row.constrained}/{row.passes}", str(row.false))
             name = f"{seed} without wheel" if without else f"{seed} with wheel"
-            rows.append([name, *(f"{figure:.3f}" for figure in astuple(row)[:6]), *told])
+            rows.append([name, *(f"{figure:.3f}" for figure in astuple(row)[:7]), *told])
             print(rows[-1], flush=True)
     head = (
         "mine",
         "odometry max",
         "real time RMSE",
+        "NEES",
         "after a pin max",
         "RMSE",
         "max",
+        "NEES",
         "constrained",
         f"false (> {FALSE_M} m)",
     )
     Console().print(text_table(head, rows))
 
 
-def _rig() -> Rig:
+def drift_rig() -> Rig:
+    """The default rig with a LiDAR that sees `MAX_RANGE_M`."""
     rig = default_rig()
     assert rig.lidar is not None
     lidar = LidarBlock(**{**rig.lidar.model_dump(exclude_unset=True), "max_range": MAX_RANGE_M})

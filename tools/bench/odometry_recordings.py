@@ -90,7 +90,7 @@ def tunnel(seed: int) -> MineScenario:
     return MineScenario("tunnel", nodes, roadways, ("start", "west", "east", "end"), relief=0.0, seed=seed)
 
 
-_STEADY = MotionSettings(still_s=STILL_S)
+STEADY = MotionSettings(still_s=STILL_S)
 _SHAKEN = MotionSettings(still_s=STILL_S, speed=3.0, wobble_deg=3.0, vibration_accel=1.0, vibration_gyro=0.05)
 
 
@@ -102,13 +102,13 @@ def _as_built_in(name: str) -> Plan:
 
 
 PLANS: dict[str, Plan] = {
-    "mesh": Plan(None, {}, _STEADY),
-    "rough": Plan(rough_mine, {}, _STEADY),
-    "dense": Plan(rough_mine, {"beams": 32, "columns": 1800}, _STEADY),
+    "mesh": Plan(None, {}, STEADY),
+    "rough": Plan(rough_mine, {}, STEADY),
+    "dense": Plan(rough_mine, {"beams": 32, "columns": 1800}, STEADY),
     "poor": Plan(
         rough_mine, {"beams": 16, "columns": 450, "range_std": 0.04}, _SHAKEN, SensorFaults(lidar_dropout=0.2)
     ),
-    "tunnel": Plan(tunnel, {"max_range": 30.0}, _STEADY),
+    "tunnel": Plan(tunnel, {"max_range": 30.0}, STEADY),
     "coal-tunnel": _as_built_in("coal-tunnel"),
     "coal-tunnel-1km": _as_built_in("coal-tunnel-1km"),
 }
@@ -126,6 +126,7 @@ def recorded(
     route: Path | None = None,
     metres: float | None = None,
     seed: int = 0,
+    plan: Plan | None = None,
     progress: Progress,
 ) -> Recorded:
     """The recording ``name`` from the cache, simulated first if it is not there.
@@ -134,13 +135,14 @@ def recorded(
     ----------
     mesh, route : a mesh file and a CSV of floor points, in place of the recording's own mine.
     metres : length that is recorded; all of the route if None.
+    plan : what it is, if it is none of `PLANS`.
     progress : called with (done, total) nanoseconds of the flight.
 
     Raises `SettingsError` for an unknown name or a mine without mesh and route.
     """
-    if name not in PLANS:
+    if plan is None and name not in PLANS:
         raise SettingsError(f"does not know `{name}`", field="--recording", mend=f"known: {', '.join(PLANS)}")
-    plan = PLANS[name]
+    plan = plan or PLANS[name]
     if (mesh is None) != (route is None) or (mesh is None and plan.mine is None):
         raise SettingsError("needs both", field="--mesh, --route", mend="give a mesh file and a CSV of floor points")
     about = {
@@ -156,13 +158,14 @@ def recorded(
     key = hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:8]
     directory = cache / f"{about['recording']}-{about['mine']}-{key}"
     if not directory.exists():
-        mine = load_mesh(mesh) if mesh is not None else dig(_mine_of(plan, seed))
+        mine = load_mesh(mesh) if mesh is not None else dig(mine_of(plan, seed))
         flight = _flight(mine, None if route is None else load_route(route), plan, metres, seed)
         _simulate(flight, directory, about, progress)
     return Recorded.open(directory)
 
 
-def _mine_of(plan: Plan, seed: int) -> MineScenario:
+def mine_of(plan: Plan, seed: int) -> MineScenario:
+    """What a plan without a mesh digs."""
     assert plan.mine is not None
     return plan.mine(seed)
 
