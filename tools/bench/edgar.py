@@ -3,7 +3,7 @@
     python -m tools.bench.edgar --map MINE.h5 --mesh MINE.ply --route WAYPOINTS.csv --cache DIR --out DIR
     python -m tools.bench.edgar … --starts 100
     python -m tools.bench.edgar --mesh MINE.ply --route WAYPOINTS.csv --cache DIR --out DIR
-    python -m tools.bench.edgar --mesh MINE.ply --route WAYPOINTS.csv --cache DIR --beside loam=loam.npz kiss-slam=kiss_slam.npz
+    python -m tools.bench.edgar --mesh MINE.ply --route WAYPOINTS.csv --cache DIR --beside NAME=FILE.npz …
 
 The recording is that of `tools.bench.odometry --recording mesh`: LiDAR and IMU, no wheel. With the map errors are in
 the map frame without any alignment; without, after the best SE(3) fit. A pin is false if it puts its keyframe more than
