@@ -34,10 +34,14 @@ class IntersectionPins:
         self._judged = -1
         """The last keyframe of the leg of which it is known what it saw."""
 
+    def end_leg(self) -> None:
+        """What was seen last no longer tells where the robot is, but may be new."""
+        for _, looked in self._beside.due():
+            self._learn(looked, self._track.leg.odometry[-1][0])
+
     def begin_leg(self) -> None:
         """The odometry begins anew, wherever the robot is."""
         self._recognition.forget()
-        self._beside.due()  # what waits is of where the robot was
         self._matcher.forget()
         self._judged = -1
 

@@ -118,7 +118,8 @@ class FoundIntersections:
         return self._T_map[:, :3, 3]
 
     def T_map_cloud(self, row: int) -> Array:
-        return np.asarray(self._T_map[row])
+        # a copy: `update` writes into it, in another thread than answers are read in
+        return np.array(self._T_map[row])
 
     def in_map(self, row: int, T: Array) -> Array:
         placed: Array = self._T_map[row] @ T

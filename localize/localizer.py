@@ -175,6 +175,8 @@ class Localizer:
         """The odometry has broken off: a new leg, wherever the robot is."""
         for pose in self._odometry.finish():
             self._reached(pose)
+        if self._intersections is not None:
+            self._intersections.end_leg()
         if self._track.leg.odometry:
             self._track.leg.odometry.pop()  # a scan of both places, or the last before a silence
         self._journal.event(stamp_ns, "odometry_broken", why=why)
@@ -197,7 +199,7 @@ class Localizer:
         keyframe = self._keyframes.add(pose, self._track.unmoved, self._links.settling_m(pose))
         self._track.add_keyframe(keyframe, pose, self._links.of(pose))
         self._links.keyframe(pose)
-        if self._own_frame and len(self._track.graph) == len(self._track.legs) == 1:
+        if self._own_frame and not any(leg.graph.anchored for leg in self._track.legs):
             self._track.stay()
 
     def _note_mode(self, pose: OdometryPose) -> None:

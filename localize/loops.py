@@ -93,7 +93,7 @@ class LoopPins(IntersectionPins):
         covariance = self._floor + carry @ graph.way_covariance(first, last) @ carry.T
         graph.add_intersection(found.intersection.id, first, found.T_imu_intersection, covariance)
         self._found[found.intersection.id] = (graph, first)
-        self._track.dirty = True
+        self._track.solve()
 
     def _follow(self, verdict: Verdict, stamp_ns: int) -> None:
         if not verdict.pins:

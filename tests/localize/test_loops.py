@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from localize import Localizer, LocalizeSettings
 from localize.settings import LoopSettings
@@ -130,3 +131,12 @@ def test_what_a_break_parted_an_intersection_joins():
     again, first = again_and_first(result, it.truth())
     assert len(again) >= 4 and np.linalg.norm(again - first, axis=1).max() < 0.1
     assert errors(result.trajectory, it.truth()).max() < 0.1
+
+
+@pytest.mark.slow
+def test_two_runs_give_the_same_bytes():
+    first, _ = slid(True)
+    second, _ = slid.__wrapped__(True)
+    np.testing.assert_array_equal(first.trajectory.poses, second.trajectory.poses)
+    np.testing.assert_array_equal(first.realtime.poses, second.realtime.poses)
+    assert first.events == second.events

@@ -2,7 +2,8 @@
 
     python -m tools.bench.edgar --map MINE.h5 --mesh MINE.ply --route WAYPOINTS.csv --cache DIR --out DIR
     python -m tools.bench.edgar … --starts 100
-    python -m tools.bench.edgar … --beside loam=loam.npz kiss-slam=kiss_slam.npz
+    python -m tools.bench.edgar --mesh MINE.ply --route WAYPOINTS.csv --cache DIR --out DIR
+    python -m tools.bench.edgar --mesh MINE.ply --route WAYPOINTS.csv --cache DIR --beside NAME=FILE.npz …
 
 The recording is that of `tools.bench.odometry --recording mesh`: LiDAR and IMU, no wheel. With the map errors are in
 the map frame without any alignment; without, after the best SE(3) fit. A pin is false if it puts its keyframe more than
@@ -76,7 +77,7 @@ class Found:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--map", type=Path, required=True)
+    parser.add_argument("--map", type=Path, help="the database; without it, the flight without a map")
     parser.add_argument("--mesh", type=Path)
     parser.add_argument("--route", type=Path)
     parser.add_argument("--recording", default="mesh", help="one of `tools.bench.odometry`")
@@ -93,14 +94,16 @@ def main() -> None:
             options.recording, options.cache, mesh=options.mesh, route=options.route, metres=options.metres,
             seed=options.seed, progress=advance,
         )  # fmt: skip
-    there = database.load(options.map)
     options.out.mkdir(parents=True, exist_ok=True)
     if options.beside:
         _tell_others(dict(pair.split("=", 1) for pair in options.beside), Trajectory("map", *flight.truth()))
+    elif options.map is None:
+        _tell_own_flight(flight, None if options.mesh is None else load_mesh(options.mesh), options.out)
     elif options.starts:
-        _tell_starts(starts(flight, there, options.starts, options.metres_at_most), options.out)
+        found = starts(flight, database.load(options.map), options.starts, options.metres_at_most)
+        _tell_starts(found, options.out)
     else:
-        _tell_flight(flight, there, None if options.mesh is None else load_mesh(options.mesh), options.out)
+        _tell_flight(flight, database.load(options.map), options.out)
 
 
 def measurements(flight: Recorded, first: int = 0) -> Iterator[Measurement]:
@@ -116,35 +119,41 @@ def _localizer(flight: Recorded, there: SemanticMap | None) -> Localizer:
     return Localizer(Rig.model_validate(flight.about["rig"]), there)
 
 
-def _tell_flight(flight: Recorded, there: SemanticMap, mine: Mine | None, out: Path) -> None:
-    """The whole flight, with the map and without: tables on the terminal, all figures in ``edgar.json``."""
+def _tell_flight(flight: Recorded, there: SemanticMap, out: Path) -> None:
+    """The whole flight with the map: tables on the terminal, all figures in ``edgar.json``."""
     truth = Trajectory("map", *flight.truth())
     result, costs = _flown(_localizer(flight, there), flight)
-    alone, costs_alone = _flown(_localizer(flight, None), flight)
     rows = {
         "with map": _figures(associate(result.trajectory, truth)),
         "with map, real time": _figures(associate(result.realtime, truth)),
-        "without map": _figures(_aligned(associate(alone.trajectory, truth))),
-        "without map, real time": _figures(_aligned(associate(alone.realtime, truth))),
-        "odometry": _figures(_aligned(associate(alone.odometry, truth))),
     }
     passed, since = passes(result, there, truth), since_pin(result, truth)
     console = Console()
     console.print(text_table(_HEAD, map(_cells, rows.items())))
     console.print(text_table(("m since the last pin", "poses", "RMSE m", "max m"), map(_bin_cells, since)))
     console.print(f"{asdict(passed)}  ms a scan: {np.percentile(costs, [50, 95, 100]).round(1).tolist()}")
-    loops = loops_of(alone, truth)
-    console.print(f"without map: {asdict(loops)}, {alone.summary['intersections_found']} intersections")
-    console.print(f"ms a scan: {np.percentile(costs_alone, [50, 95, 100]).round(1).tolist()}")
     console.print(str([event for event in result.events if event["kind"] in ("state", "odometry_broken")]))
-    figures = {
-        "errors": rows, "passes": asdict(passed), "since_pin": since, "summary": result.summary,
-        "loops": asdict(loops), "summary_without_map": alone.summary,
-    }  # fmt: skip
-    if mine is not None:
-        figures["own_map"] = _own_map(flight, alone, truth, mine)
-        console.print(f"map of the flight without map: {figures['own_map']}")
+    figures = {"errors": rows, "passes": asdict(passed), "since_pin": since, "summary": result.summary}
     write_text(out / "edgar.json", json.dumps(figures, indent=1) + "\n")
+
+
+def _tell_own_flight(flight: Recorded, mine: Mine | None, out: Path) -> None:
+    """The whole flight without a map, and the map it makes: on the terminal, all figures in ``edgar_own.json``."""
+    truth = Trajectory("map", *flight.truth())
+    result, costs = _flown(_localizer(flight, None), flight)
+    tracks = {
+        "without map": result.trajectory, "without map, real time": result.realtime, "odometry": result.odometry
+    }  # fmt: skip
+    rows = {name: _figures(_aligned(associate(track, truth))) for name, track in tracks.items()}
+    loops, console = loops_of(result, truth), Console()
+    console.print(text_table(_HEAD, map(_cells, rows.items())))
+    console.print(f"{asdict(loops)}, {result.summary['intersections_found']} intersections found")
+    console.print(f"ms a scan: {np.percentile(costs, [50, 95, 100]).round(1).tolist()}")
+    figures = {"errors": rows, "loops": asdict(loops), "summary": result.summary}
+    if mine is not None:
+        figures["own_map"] = _own_map(flight, result, truth, mine)
+        console.print(f"the map it makes: {figures['own_map']}")
+    write_text(out / "edgar_own.json", json.dumps(figures, indent=1) + "\n")
 
 
 def _tell_others(files: dict[str, str], truth: Trajectory) -> None:
