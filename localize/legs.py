@@ -51,17 +51,21 @@ class Leg:
 
     def smoothed(self) -> Trajectory:
         """Every scan's pose in the map, between the keyframes' own; empty where the leg never found its place."""
-        if not self.graph.anchored or not self.keyframes:
+        stamps = self._placed()
+        if not stamps:
             return trajectory("map", [])
-        stamps = np.array([stamp for stamp, _ in self.keyframes], np.int64)
-        return smoothed(trajectory("odom", self.odometry), stamps, self.graph.poses()[: len(stamps)])
+        poses = self.graph.poses()[: len(stamps)]
+        return smoothed(trajectory("odom", self.odometry), np.array(stamps, np.int64), poses)
 
     def covariances(self) -> list[tuple[int, Array]]:
         """Stamp and covariance (6, 6) of each keyframe in the map, once `smoothed`; none without a place there."""
+        return [(stamp, self.graph.covariance(index)) for index, stamp in enumerate(self._placed())]
+
+    def _placed(self) -> list[int]:
+        """Stamps of the keyframes that have a place in the map; one behind the last scan was taken back with it."""
         if not self.graph.anchored or not self.odometry:
             return []
-        stamps = [stamp for stamp, _ in self.keyframes if stamp <= self.odometry[-1][0]]
-        return [(stamp, self.graph.covariance(index)) for index, stamp in enumerate(stamps)]
+        return [stamp for stamp, _ in self.keyframes if stamp <= self.odometry[-1][0]]
 
 
 def trajectory(frame: str, track: Sequence[tuple[int, Array]]) -> Trajectory:

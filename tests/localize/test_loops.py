@@ -15,8 +15,8 @@ from tools.simulator import MotionSettings, SimulationSettings, fly, scenario, s
 ROUND = ("0.1", "1.1", "1.2", "0.2", "0.1", "1.1", "2.1")
 """Round one pillar of a mine whose crossings look alike, and a little farther."""
 SLIDE = np.array([0.0, 0.0, 0.03, 1.2, 0.3, 0.0])
-"""[rad, m] that the odometry slides by from one keyframe to the next, at two of them."""
-SLIDES = (30, 52)
+"""[rad, m] that the odometry slides by from one keyframe to the next, at two of them, between crossings."""
+SLIDES = (27, 45)
 
 
 @cache
