@@ -21,7 +21,7 @@ from localize.odometry import OdometryPose
 from localize.prism import PrismPosition
 from localize.ranging import Ranging
 from localize.recognition import Recognition, Verdict
-from localize.results import Event, LocalizationResult, State, Update
+from localize.results import Event, LocalizationResult, Overlay, State, Update
 from localize.settings import LocalizeSettings
 from localize.sightings import Sighting, Sightings, align_standing
 from localize.start import StartingOdometry
@@ -89,6 +89,7 @@ class Localizer:
         self._odometry_track: list[tuple[int, Array]] = []
         self._realtime_track: list[tuple[int, Array]] = []
         self._events: list[Event] = []
+        self._overlays: list[Overlay] = []
         self._counts: dict[str, int] = {
             "scans": 0,
             "keyframes": 0,
@@ -159,7 +160,7 @@ class Localizer:
             final = replace(final, poses=shifted(final.poses, self._shift))
         return LocalizationResult(
             final, trajectory(frame, self._realtime_track), odometry, tuple(self._events), self._summary(),
-            tuple(self._watch.uncertainty),
+            tuple(self._watch.uncertainty), tuple(self._overlays),
         )  # fmt: skip
 
     @property
@@ -247,8 +248,16 @@ class Localizer:
             for sight in sights:
                 verdict = self._recognition.judge(sight, self._track(keyframe.index - self._leg.first_keyframe))
                 told = {**verdict.event, "stamp_ns": self._leg.odometry[-1][0]}
+                if sight.places:
+                    told["overlay"] = self._lay_over(sight, sight.places[0])
                 self._events.append({**told, "pins": [self._told(pin) for pin in verdict.pins]})
                 self._follow(verdict, self._leg.odometry[-1][0])
+
+    def _lay_over(self, sight: Sight, best: Place) -> int:
+        """Keep what the check compared, at the most like place; returns its number."""
+        T_map_imu = shifted(best.T_map_imu[None], self._shift)[0]
+        self._overlays.append(Overlay(best.intersection, T_map_imu, sight.points))
+        return len(self._overlays) - 1
 
     def _track(self, index: int) -> Expected | None:
         """Where a keyframe of the leg is taken to be."""
