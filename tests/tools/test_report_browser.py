@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,9 @@ return seen.size;
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """A page of each sort."""
     folder = tmp_path_factory.mktemp("pages")
-    run = write_run(folder, small_map())
-    other = write_run(folder / "second", small_map(), off=0.5)
+    semantic_map = replace(small_map(), sources={HOSTILE: "0" * 64}, crs=HOSTILE)
+    run = write_run(folder, semantic_map)
+    other = write_run(folder / "second", semantic_map, off=0.5)
     sources = {"mine": [folder / "mine.h5"], "run": [run], "both": [run, other]}
     for name, some in sources.items():
         write_report(some, Wanted(folder / f"{name}.html"), ToolSettings())
