@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -231,3 +232,18 @@ def test_cells(value: object, text: str) -> None:
 def test_tables_escape_what_they_show() -> None:
     assert "&lt;b&gt;" in table(["a"], [["<b>"]])
     assert table(["a"], []) == ""
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_a_map_of_hardly_any_intersection_has_its_page_too(
+    count: int, semantic_map: SemanticMap, tmp_path: Path
+) -> None:
+    graph = replace(semantic_map.roadways, node_intersection=np.array([3, -1, -1]) if count else np.full(3, -1))
+    kinds = np.where(graph.node_intersection < 0, "dead_end", "intersection")
+    few = replace(
+        semantic_map, intersections=semantic_map.intersections[:count], roadways=replace(graph, node_kind=kinds)
+    )
+    database.save(few, tmp_path / "few.h5")
+    _, data = page_of(tmp_path / "few.h5", out=tmp_path / "few.html")
+    assert len(data["intersections"]["id"]) == count and data["pairs"] == []
+    assert cli.run(["report", str(tmp_path / "few.h5"), f"--csv={tmp_path / 'tables'}"]) == 0

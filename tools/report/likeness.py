@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from descriptors.index import ContourIndex
+from descriptors.settings import ContourSettings
 from localize.settings import LocalizeSettings
 from localize.verification import Verifier, start_of
 from maps.settings import MapSettings
 from semmap.geometry import Array
-from semmap.intersections import SemanticMap
+from semmap.intersections import SemanticMap, WallContour
 from tools.progress import Advance
 from tools.report.anchors import Proposal, propose_anchors
 from tools.report.journeys import NEVER, passed_until_told, ways_of
@@ -22,7 +23,7 @@ WHOLE = 400
 """Maps of up to so many intersections are shown as whole matrices, larger ones by those most easily confused."""
 _SHOWN = 200
 _PARTNERS = 24
-"""Look-alikes sought of each intersection."""
+"""Look-alikes sought of each intersection among those after it."""
 _TURNED = 4
 """An intersection may be like another at several turns."""
 _CHECKED = 150
@@ -84,10 +85,16 @@ def likeness_of(semantic_map: SemanticMap, settings: LocalizeSettings, progress:
         LookAlike(a, b, yaw, pwcv, cwc, rock.get((a, b), np.nan), passed[a, b]) for (a, b), (yaw, pwcv, cwc) in ranked
     )
     rows = _shown_rows(len(semantic_map), pairs)
-    contours = semantic_map.contours.at(rows)
-    matrices = ContourIndex(contours, contour)
-    pwcv, cwc = (matrices.similarities(contours, by) for by in ("pwcv", "cwc"))
+    pwcv, cwc = _matrices(semantic_map.contours.at(rows), contour)
     return Likeness(rows, pwcv, cwc, pairs, _levels(semantic_map, pairs, settings), capped)
+
+
+def _matrices(contours: WallContour, settings: ContourSettings) -> tuple[Array, Array]:
+    """PWCV and CWC similarities (n, n) of some contours."""
+    if not len(contours.pwcv):
+        return np.zeros((0, 0)), np.zeros((0, 0))
+    index = ContourIndex(contours, settings)
+    return index.similarities(contours, "pwcv"), index.similarities(contours, "cwc")
 
 
 Found = dict[tuple[int, int], tuple[float, float, float]]
@@ -98,16 +105,14 @@ def _alike(
 ) -> tuple[Found, bool]:
     """Pairs of rows whose PWCV are similar enough to be matched: yaw, PWCV and CWC similarity of each."""
     least, found, capped = settings.matcher.min_pwcv, Found(), False
+    rows, contours = np.arange(len(semantic_map)), semantic_map.contours
     for row in range(len(semantic_map)):
-        matches = index.turned(semantic_map.contours.at(row), least, at_most=_TURNED * _PARTNERS)
+        matches = index.turned(contours.at(row), least, at_most=_TURNED * _PARTNERS, allowed=rows > row)
         capped |= len(matches) == _TURNED * _PARTNERS
         for match in matches:
-            if match.row == row:
-                continue
-            pair, yaw = ((row, match.row), match.yaw) if row < match.row else ((match.row, row), -match.yaw)
-            known = found.get(pair)
+            known = found.get((row, match.row))
             if known is None or match.pwcv + match.cwc > known[1] + known[2]:
-                found[pair] = (yaw, match.pwcv, match.cwc)
+                found[row, match.row] = (match.yaw, match.pwcv, match.cwc)
         if progress is not None:
             progress(row + 1, len(semantic_map))
     return found, capped
