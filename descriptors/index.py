@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter1d
 from descriptors.bounds import Agreement, Bounds
 from descriptors.codes import Codes
 from descriptors.settings import ContourSettings
-from descriptors.similarity import Spectrum, completeness, scores_by_yaw, spectrum, yaw_at
+from descriptors.similarity import Descriptor, Spectrum, completeness, scores_by_yaw, spectrum, yaw_at
 from semmap.geometry import Array
 from semmap.intersections import WallContour
 
@@ -76,12 +76,12 @@ class ContourIndex:
     def __len__(self) -> int:
         return len(self._contours.pwcv)
 
-    def similarities(self, query: WallContour) -> Array:
-        """PWCV similarity (n,) of the query to every contour, each at its best yaw; of m stacked queries (m, n)."""
-        of_query, queries = spectrum(query, self._settings), query.pwcv.shape[:-1]
+    def similarities(self, query: WallContour, by: Descriptor = "pwcv") -> Array:
+        """Similarity (n,) of the query to every contour, each at its best yaw; of m stacked queries (m, n)."""
+        of_query, queries = spectrum(query, self._settings, by), query.pwcv.shape[:-1]
         best = np.zeros((*queries, len(self)))
         for k in range(0, len(self), _BLOCK):
-            block = spectrum(self._contours.at(slice(k, k + _BLOCK)), self._settings)
+            block = spectrum(self._contours.at(slice(k, k + _BLOCK)), self._settings, by)
             for one in np.ndindex(queries):
                 scores, _ = scores_by_yaw(Spectrum(of_query.harmonics[one], of_query.observed[one]), block)
                 best[one][k : k + _BLOCK] = scores.max(axis=-1)

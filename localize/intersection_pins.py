@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from localize.beside import RecognitionBeside
+from localize.frames import shifted
 from localize.hypotheses import carried
 from localize.journal import Journal
 from localize.keyframes import Keyframe, Keyframes, stacked
 from localize.matcher import Expected, IntersectionMatcher, Looked, Place, Sight
 from localize.recognition import Recognition, Verdict
-from localize.results import Event
+from localize.results import Event, Overlay
 from localize.settings import LocalizeSettings
 from localize.track import Track
 from semmap.geometry import Array, inverse
@@ -82,12 +83,21 @@ class IntersectionPins:
             for sight in looked.sights:
                 verdict = self._verdict(sight, keyframe.index - track.leg.first_keyframe)
                 stamp_ns = track.leg.odometry[-1][0]
-                told = {**verdict.event, "stamp_ns": stamp_ns}
+                told = {**verdict.event, "stamp_ns": stamp_ns, **self._lay_over(sight)}
                 self._journal.events.append({**told, "pins": [self._told(pin) for pin in verdict.pins]})
                 self._follow(verdict, stamp_ns)
                 pinned |= bool(verdict.pins)
             self._learn(looked, track.leg.odometry[-1][0])
         return pinned
+
+    def _lay_over(self, sight: Sight) -> Event:
+        """Keep what the check compared, at the most like place; returns its number for the event."""
+        if not sight.places:
+            return {}
+        best = sight.places[0]
+        T_map_imu = shifted(best.T_map_imu[None], self._shift)[0]
+        self._journal.overlays.append(Overlay(best.intersection, T_map_imu, sight.points))
+        return {"overlay": len(self._journal.overlays) - 1}
 
     def _verdict(self, sight: Sight, index: int) -> Verdict:
         """What a sight of the leg's keyframe ``index`` means."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from localize.results import Event, State
+from localize.results import Event, Overlay, State
 
 
 class Journal:
@@ -13,11 +13,12 @@ class Journal:
     Attributes
     ----------
     events : in order of time. counts : by name. recognised : ids of the intersections that were proven.
-    state : of the place in the map, see `Update`.
+    state : of the place in the map, see `Update`. overlays : what the ICP checks compared.
     """
 
     def __init__(self) -> None:
         self.events: list[Event] = []
+        self.overlays: list[Overlay] = []
         self.counts: dict[str, int] = {
             "scans": 0,
             "keyframes": 0,

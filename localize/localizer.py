@@ -155,7 +155,8 @@ class Localizer:
             final = replace(final, poses=shifted(final.poses, self._shift))
         return LocalizationResult(
             final, trajectory(frame, self._realtime_track), odometry, tuple(self._journal.events), self._summary(),
-            tuple(self._watch.uncertainty), tuple(one for leg in self._track.legs for one in leg.covariances()),
+            tuple(self._watch.uncertainty), tuple(self._journal.overlays),
+            tuple(one for leg in self._track.legs for one in leg.covariances()),
         )  # fmt: skip
 
     def _begin_leg(self) -> None:

@@ -41,6 +41,10 @@ class LoopPins(IntersectionPins):
         T_map = {id: graph.intersection(id) for id, (graph, _) in self._found.items()}
         return lambda: self._finder.look(stack, kept, track, others, T_map)
 
+    def _lay_over(self, sight: Sight) -> Event:
+        """Nothing: there is no map that a reader could lay it over."""
+        return {}
+
     def _verdict(self, sight: Sight, index: int) -> Verdict:
         places = sight.places and tuple(self._moved(place) for place in sight.places)
         verdict = super()._verdict(replace(sight, places=places), index)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from descriptors.index import Match
 from localize.keyframes import Keyframe, Stack
@@ -65,6 +66,7 @@ class Sight:
     number : of the intersection among those seen, the same whenever it is seen again from nearby.
     places : most like first; empty where nothing is similar, None before it was seen often enough in a row (step 8).
     event : its scores, for ``events.jsonl``; reason : how far it got.
+    points : (n, 3) float32 that the ICP check compared, in the imu frame of the keyframe [m].
     """
 
     number: int
@@ -73,6 +75,7 @@ class Sight:
     places: tuple[Place, ...] | None
     event: Event
     reason: str
+    points: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,17 +198,22 @@ class IntersectionMatcher:
         seen.same = {id: seen.same.get(id, 0) + 1 for id in sorted(ids) or [-1]}
         event["consecutive"] = max(seen.same.values())
         places: list[Place] | None = None
+        points = np.zeros((0, 3))
         reason = "not yet seen often enough in a row"
         if event["consecutive"] >= self.settings.matcher.consecutive:
             seen.same = {}
-            places = self._checked(look, self._candidates(look, matches, others))
+            points = self._verifier.around(look.stack.points, look.observation.p)
+            places = self._checked(look, points, self._candidates(look, matches, others))
             if track is not None and not any(place.fits for place in places):
-                places += self._checked(look, self._candidates(look, self._similar(look, None), ()))
+                places += self._checked(look, points, self._candidates(look, self._similar(look, None), ()))
             places.sort(key=lambda place: place.likeness, reverse=True)
             reason = _reason(places)
             event.update(_scores(places))
         p_odom = keyframe.T_odom_imu[:3, 3]
-        return Sight(seen.number, keyframe.index, p_odom, None if places is None else tuple(places), event, reason)
+        return Sight(
+            seen.number, keyframe.index, p_odom, None if places is None else tuple(places), event, reason,
+            transform(look.T_imu_local, points).astype(np.float32),
+        )  # fmt: skip
 
     def _seen_before(self, p_odom: Array) -> _Seen:
         for seen in reversed(self._seen):
@@ -228,9 +236,8 @@ class IntersectionMatcher:
                 found.append(_Candidate(row, inverse(self.known.T_map_cloud(row)) @ T, 1.0))
         return found
 
-    def _checked(self, look: _Look, candidates: list[_Candidate]) -> list[Place]:
-        """Step 9: what ICP says of each, all of them at a first look and the most alike thoroughly."""
-        points = self._verifier.around(look.stack.points, look.observation.p)
+    def _checked(self, look: _Look, points: Array, candidates: list[_Candidate]) -> list[Place]:
+        """Step 9: what ICP says of each of its points (n, 3), all at a first look and the most alike thoroughly."""
         looked = []
         for candidate in candidates:
             T, likeness = self._verifier.first_look(points, self.known.intersections[candidate.row], candidate.start)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from semmap.geometry import Array
 from semmap.trajectory import Trajectory
 
@@ -56,6 +59,20 @@ class Uncertainty:
     position_map: Array | None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Overlay:
+    """What a keyframe saw of an intersection, as the ICP check laid it into the map: for people to look at.
+
+    An ``intersection`` event says which is its own: ``overlay`` counts from 0.
+    id : the intersection that it was laid onto. T_map_imu : (4, 4) where the keyframe is by it.
+    points : (n, 3) float32, those compared, in the imu frame of the keyframe [m].
+    """
+
+    id: int
+    T_map_imu: Array
+    points: NDArray[np.float32]
+
+
 @dataclass(frozen=True, slots=True)
 class LocalizationResult:
     """A whole run.
@@ -63,7 +80,7 @@ class LocalizationResult:
     trajectory : final smoothed poses, in ``map``; empty where a map was asked for and never found. Without one, in
     ``odom``: corrected by loops, and without what came after a break, unless a loop joined it.
     realtime : what was known when each scan was done. odometry : the filter alone, in ``odom``.
-    events : in order of time. summary : counts. uncertainty : one a scan.
+    events : in order of time. summary : counts. uncertainty : one a scan. overlays : one an ICP check.
     smoothed : stamps of the keyframes that have a place in the map, with the covariance (6, 6) that their poses in
     ``trajectory`` have (rotation first, perturbed on the right).
     """
@@ -74,4 +91,5 @@ class LocalizationResult:
     events: tuple[Event, ...]
     summary: dict[str, Any]
     uncertainty: tuple[Uncertainty, ...]
-    smoothed: tuple[tuple[int, Array], ...]
+    overlays: tuple[Overlay, ...] = ()
+    smoothed: tuple[tuple[int, Array], ...] = ()

@@ -8,15 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from semmap import database
 from semmap.trajectory import Trajectory
 from tools import cli
+from tools.overlays import read_overlays
 
 SECONDS = 60
 RUN_FILES = (
-    "trajectory.tum", "realtime.tum", "odometry.tum", "events.jsonl", "uncertainty.csv", "summary.json",
-    "settings.yaml",
+    "trajectory.tum", "realtime.tum", "odometry.tum", "events.jsonl", "overlays.h5", "uncertainty.csv", "timing.csv",
+    "summary.json", "settings.yaml",
 )  # fmt: skip
 
 
@@ -88,6 +90,18 @@ def test_in_real_time_it_says_nothing_before_it_knows_and_then_the_truth(run: Pa
     assert errors["max"] < 1.0
 
 
+def test_what_was_compared_lies_on_the_walls_of_the_map(mine: Path, run: Path) -> None:
+    events = [json.loads(line) for line in (run / "events.jsonl").open()]
+    accepted = [event for event in events if event.get("accepted") and "overlay" in event]
+    overlays, semantic_map = read_overlays(run / "overlays.h5"), database.load(mine / "mine.h5")
+    assert accepted and [event["overlay"] for event in events if "overlay" in event] == list(range(len(overlays)))
+    for event in accepted:
+        one = semantic_map.by_id(int(overlays.id[event["overlay"]]))
+        points = overlays.in_map(event["overlay"]) - one.p_map
+        distance, _ = cKDTree(one.cloud).query(points)
+        assert event["id"] == one.id and np.median(distance) < 0.15
+
+
 def test_without_the_database_there_is_odometry_in_its_own_frame(mine: Path) -> None:
     out = mine / "alone"
     words = ["localize", mine / "recording", "--rig", mine / "rig.yaml", "--map", mine / "mine.h5", "--out", out]
@@ -100,7 +114,7 @@ def test_both_reports_are_written(mine: Path, run: Path) -> None:
     semmap("report", run, "--out", mine / "run.html")
     semmap("report", mine / "mine.h5", "--out", mine / "mine.html")
     assert "intersections recognised" in (mine / "run.html").read_text()
-    assert "Wall contours" in (mine / "mine.html").read_text()
+    assert "CWC, unrolled" in (mine / "mine.html").read_text()
 
 
 def test_info_lists_the_intersections(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:

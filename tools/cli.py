@@ -227,7 +227,8 @@ def localize(
 ) -> None:
     """Localize a recording.
 
-    Writes trajectory.tum, realtime.tum, odometry.tum, events.jsonl, uncertainty.csv, summary.json and settings.yaml.
+    Writes trajectory.tum, realtime.tum, odometry.tum, events.jsonl, overlays.h5, uncertainty.csv, timing.csv,
+    summary.json and settings.yaml.
     """
     from tools.progress import progress_bar
     from tools.run import localize_recording, outcome
@@ -314,19 +315,54 @@ def evaluate(
 
 @app.command(epilog=EPILOG)
 def report(
-    source: Annotated[
-        Path, typer.Argument(metavar="DB.h5|DIR", help="A semantic database, or the directory of a run.")
+    sources: Annotated[
+        list[Path], typer.Argument(metavar="DB.h5|DIR...", help="A semantic database, or directories of runs.")
     ],
-    out: Annotated[Path, typer.Option(metavar="report.html", help="The page to write.")],
+    out: Annotated[Path | None, typer.Option(metavar="report.html", help="The page to write.")] = None,
+    figures: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Its figures for print, as PNG (300 dpi) and SVG.")
+    ] = None,
+    tables: Annotated[Path | None, typer.Option("--csv", metavar="DIR", help="Its tables as CSV.")] = None,
+    rerun: Annotated[
+        Path | None, typer.Option(metavar="FILE.rrd", help="A run for the Rerun viewer (pip install rerun-sdk).")
+    ] = None,
+    database: Annotated[
+        Path | None, typer.Option("--map", metavar="DB.h5", help="The run's database, if it has moved.")
+    ] = None,
+    recording: Annotated[
+        Path | None,
+        typer.Option(metavar="RECORDING", help="The run's recording: its IMU is shown, too, and --rerun looks here."),
+    ] = None,
 ) -> None:
-    """Write an HTML page about a database or a run.
+    """Write an HTML page about a database or a run, or one that compares runs.
 
     One file that needs no network.
     """
-    from tools.report import write_report
+    from tools.progress import progress_bar
+    from tools.report import Wanted, write_report
 
-    write_report(source, out)
-    typer.echo(f"report: {out}")
+    wanted = Wanted(out, figures, tables, rerun)
+    with progress_bar("reporting") as progress:
+        write_report(sources, wanted, _common.settings(), map_file=database, recording=recording, progress=progress)
+    typer.echo(f"report: {', '.join(str(path) for path in (out, figures, tables, rerun) if path is not None)}")
+
+
+@app.command(epilog=EPILOG)
+def view(
+    source: Annotated[Path, typer.Argument(metavar="DB.h5|DIR|MAP", help="A database, a run, or a point cloud.")],
+    screenshot: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="Take a picture off-screen instead of opening a window.")
+    ] = None,
+    intersection: Annotated[
+        int | None, typer.Option(metavar="ID", min=0, help="Only this one of a database, with all its points.")
+    ] = None,
+) -> None:
+    """Look at a database, a run or a map in three dimensions."""
+    from tools.view import view_source
+
+    view_source(source, screenshot=screenshot, intersection=intersection)
+    if screenshot is not None:
+        typer.echo(f"picture: {screenshot}")
 
 
 def main(args: Sequence[str] | None = None) -> None:

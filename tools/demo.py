@@ -11,7 +11,7 @@ from rich.table import Table
 from tools.build import build_database
 from tools.evaluate import evaluate_run
 from tools.progress import progress_bar
-from tools.report import write_report
+from tools.report import Wanted, write_report
 from tools.run import cost_text, localize_recording
 from tools.settings import ToolSettings
 from tools.simulate import simulate_mine
@@ -30,11 +30,12 @@ def run_demo(out: Path, settings: ToolSettings) -> None:
     simulate_mine(SCENARIO, mine, settings)
     semantic_map = build_database([mine / "prior_map.laz"], database, settings)
     console.print(f"semantic database: {len(semantic_map)} intersections ({database})")
-    write_report(database, out / "mine.html")
+    write_report([database], Wanted(out / "mine.html"), settings)
     used = {"with_database": database, "without_database": None}
     runs = {name: _run(mine, out / name, used[name], settings) for name in RUNS}
     Console().print(comparison(runs))
-    write_report(out / "with_database", report)
+    write_report([out / "with_database"], Wanted(report), settings)
+    write_report([out / name for name in RUNS], Wanted(out / "comparison.html"), settings)
     console.print(f"report: {report}")
 
 

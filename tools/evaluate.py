@@ -172,6 +172,19 @@ def error_rows(evaluation: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
+DRIFT_HEAD = ("trajectory", "stretch [m]", "stretches", "of its length [%]", "turned [°/100 m]")
+
+
+def drift_rows(evaluation: Mapping[str, Any]) -> list[list[str]]:
+    """Relative errors, one row a trajectory and length of the stretches; the columns are `DRIFT_HEAD`."""
+    return [
+        [name, f"{one['length_m']:g}", str(one["segments"]), f"{one['translation_percent']:.3f}",
+         f"{one['rotation_deg_per_100m']:.3f}"]
+        for name, row in evaluation["trajectories"].items()
+        for one in row.get("relative", [])
+    ]  # fmt: skip
+
+
 ERROR_HEAD = ("trajectory", "how", "max", "RMSE", "mean", "median", "p95", "RMSE [°]")
 
 

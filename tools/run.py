@@ -1,8 +1,8 @@
 """A recording through the localizer, into a run directory.
 
 The directory holds ``trajectory.tum`` (smoothed, map frame), ``realtime.tum`` (what was known when each scan
-was done), ``odometry.tum`` (the filter alone), ``events.jsonl``, ``uncertainty.csv``, ``summary.json`` and
-``settings.yaml``.
+was done), ``odometry.tum`` (the filter alone), ``events.jsonl``, ``overlays.h5``, ``uncertainty.csv``,
+``timing.csv``, ``summary.json`` and ``settings.yaml``.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from semmap.recordings import read_recording
 from semmap.rig import Rig
 from semmap.trajectory import text_of_stamp_ns
 from tools.files import writable_directory, write_text
+from tools.overlays import write_overlays
 from tools.prism import fixes_of_file, merged
 from tools.progress import Advance
 from tools.settings import ToolSettings
@@ -86,8 +87,11 @@ def localize_recording(
     started = time.perf_counter()
     measurements = read_recording(recording, rig, progress=progress)
     scan_ms: list[float] = []
+    latency_ms: list[float] = []
     if live:
-        result = play(LiveLocalizer(localizer), merged(measurements, fixes))
+        playing = LiveLocalizer(localizer)
+        result = play(playing, merged(measurements, fixes))
+        latency_ms = [1e3 * seconds for seconds in playing.latency_s]
     else:
         scan_ms = stream(localizer, merged(measurements, fixes))
         result = localizer.finish()
@@ -108,6 +112,7 @@ def localize_recording(
         **process_facts(),
     }
     write_run(out, result, summary, settings)
+    write_text(out / "timing.csv", timing_csv(scan_ms, latency_ms))
     return summary
 
 
@@ -175,6 +180,12 @@ def timing(scan_ms: Sequence[float]) -> dict[str, float | None]:
     return {"ms_per_scan_median": round(float(median), 2), "ms_per_scan_p95": round(float(p95), 2)}
 
 
+def timing_csv(scan_ms: Sequence[float], latency_ms: Sequence[float]) -> str:
+    """One column, a line a scan: what it cost, or, played live, how long after its arrival its pose came [ms]."""
+    name, values = ("latency_ms", latency_ms) if latency_ms else ("ms", scan_ms)
+    return "\n".join([name, *(f"{value:.3f}" for value in values)]) + "\n"
+
+
 def check_aids(without: Iterable[str]) -> None:
     """Raise `SettingsError` with the nearest known name for a word `--without` does not know."""
     for name in without:
@@ -192,6 +203,7 @@ def write_run(out: Path, result: LocalizationResult, summary: dict[str, Any], se
     result.realtime.save_tum(out / "realtime.tum")
     result.odometry.save_tum(out / "odometry.tum")
     write_text(out / "events.jsonl", "".join(json.dumps(event, default=_plain) + "\n" for event in result.events))
+    write_overlays(out / "overlays.h5", result.overlays)
     write_text(out / "uncertainty.csv", uncertainty_csv(result.uncertainty))
     write_text(out / "settings.yaml", settings.to_yaml())
     write_text(out / "summary.json", json.dumps(summary, indent=1, default=_plain) + "\n")

@@ -124,6 +124,12 @@ def test_similarities_of_stacked_queries_are_those_of_each() -> None:
         assert_array_equal(together[k], all_scores(queries.at(k), there, SETTINGS).max(axis=1))
 
 
+def test_similarities_are_by_the_cwc_if_asked() -> None:
+    there, query = world(20, 13), crossings(1, SETTINGS, 14, hidden=0.5).at(0)
+    found = ContourIndex(there, SETTINGS).similarities(query, "cwc")
+    assert_array_equal(found, [similarity(query, there.at(k), SETTINGS, by="cwc").score for k in range(20)])
+
+
 def test_equal_contours_come_in_the_order_of_their_rows() -> None:
     one, other = crossings(2, SETTINGS, 1).at(0), crossings(2, SETTINGS, 1).at(1)
     index = ContourIndex([other, one, one, other, one] * 70, SETTINGS)

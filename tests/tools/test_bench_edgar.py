@@ -44,7 +44,7 @@ def result_of(truth: Trajectory, pins: list[dict[str, object]], off: np.ndarray)
     poses[:, 1, 3] += off
     realtime = replace(truth, poses=poses)
     events = tuple({"stamp_ns": pin["stamp_ns"], "kind": "intersection", "pins": [pin]} for pin in pins)
-    return LocalizationResult(realtime, realtime, truth, events, {}, (), ())
+    return LocalizationResult(realtime, realtime, truth, events, {}, ())
 
 
 def pin(at_s: int, id: int, p_map: tuple[float, float, float]) -> dict[str, object]:

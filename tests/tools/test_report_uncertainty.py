@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 from semmap.errors import InputFileError
 from semmap.geometry import Array
 from tools.report.covariance import covariance_over_distance, ellipses_along_track, mode_colours
+from tools.report.figures import svg
 from tools.report.uncertainty import Uncertainties, read_uncertainties
 from tools.run import UNCERTAINTY_COLUMNS
 
@@ -34,7 +35,8 @@ AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 def known(covariance: Array) -> Uncertainties:
     stamps = np.int64(1e8) * np.arange(len(MODES))
-    return Uncertainties(stamps, np.array(MODES), "map", np.tile(covariance, (len(MODES), 1, 1)))
+    rotation_std = np.full((len(MODES), 3), 0.01)
+    return Uncertainties(stamps, np.array(MODES), "map", np.tile(covariance, (len(MODES), 1, 1)), rotation_std)
 
 
 def test_rows_read_back_in_the_map_where_it_was_known_or_else_in_odom(tmp_path: Path) -> None:
@@ -62,21 +64,22 @@ def test_the_figures_show_every_mode_and_the_factor() -> None:
     way = 0.3 * np.arange(len(MODES))
     positions = np.column_stack([way, 0.1 * np.sin(way), np.zeros_like(way)])
     small = known(np.diag([1e-6, 1e-6, 1e-6]))
-    for picture in (covariance_over_distance(small, way), ellipses_along_track(small, positions)):
+    for picture in (svg(covariance_over_distance(small, way)), svg(ellipses_along_track(small, positions))):
         assert picture.startswith("<svg")
         assert all(mode in picture for mode in ("LIU", "LIO", "LIW"))
-    assert "100 times as large" in ellipses_along_track(small, positions)
-    assert "times as large" not in ellipses_along_track(known(np.eye(3)), positions)
+    assert "100 times as large" in svg(ellipses_along_track(small, positions))
+    assert "times as large" not in svg(ellipses_along_track(known(np.eye(3)), positions))
 
 
 def test_nothing_known_makes_an_empty_figure_not_an_error() -> None:
     blind = known(np.full((3, 3), np.nan))
     positions = np.zeros((len(MODES), 3))
-    assert ellipses_along_track(blind, positions).startswith("<svg")
+    assert svg(ellipses_along_track(blind, positions)).startswith("<svg")
 
 
 def test_modes_of_other_names_get_colours_of_their_own() -> None:
     one = known(np.eye(3))
-    other = Uncertainties(one.stamps_ns, np.array(["IU"] * 50 + ["IW"] * 50), "map", one.position)
+    names = np.array(["IU"] * 50 + ["IW"] * 50)
+    other = Uncertainties(one.stamps_ns, names, "map", one.position, one.rotation_std)
     colours = mode_colours(other)
     assert list(colours) == ["IU", "IW"] and len(set(colours.values())) == 2

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import cycle
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
@@ -11,11 +9,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from semmap.geometry import Array
-from tools.report.figures import BLUE, FAINT, GREEN, INK, LINE, ORANGE, PINK, RED, SKY, YELLOW, look, plain_numbers, svg
+from tools.report.colours import FAINT, INK, LINE, MODES, RED, named
+from tools.report.figures import logarithmic, look, plain_numbers
+from tools.report.series import drawn_rows
 from tools.report.uncertainty import Uncertainties
 
-MODE_COLOURS = {"LIU": GREEN, "LIW": SKY, "LIO": ORANGE, "LIP": PINK}
-MORE_COLOURS = (YELLOW, BLUE, RED)
 THRESHOLD = 0.05
 """[m²] the line of the paper's Fig. 8, ``D_p``."""
 ELLIPSES = 60
@@ -25,7 +23,7 @@ _SMALLEST = 1e-6
 """[m²] the figures' lower end."""
 
 
-def covariance_over_distance(known: Uncertainties, distance: Array) -> str:
+def covariance_over_distance(known: Uncertainties, distance: Array) -> Figure:
     """Variances of x, y and z [m²] over the way (n,) [m], the modes as bands behind them (paper 000, Fig. 8)."""
     colours = mode_colours(known)
     with look():
@@ -34,16 +32,18 @@ def covariance_over_distance(known: Uncertainties, distance: Array) -> str:
         _draw_modes(axes, known, distance, colours)
         for axis, colour in enumerate((INK, FAINT, RED)):
             variance = known.position[:, axis, axis]
-            axes.plot(distance, np.maximum(variance, _SMALLEST), color=colour, linewidth=1.3, label="xyz"[axis])
+            rows = drawn_rows(variance)
+            shown = np.maximum(variance[rows], _SMALLEST)
+            axes.plot(distance[rows], shown, color=colour, linewidth=1.3, label="xyz"[axis])
         axes.axhline(THRESHOLD, color=INK, linewidth=0.8, linestyle=":", label=f"{THRESHOLD:g} m²")
-        axes.set_yscale("log")
-        axes.set_xlabel("way [m]")
+        logarithmic(axes.yaxis)
+        axes.set_xlabel("distance travelled [m]")
         axes.set_ylabel(f"variance of the position in {known.frame} [m²]")
         fig.legend(loc="outside upper center", ncols=8)
-        return svg(fig)
+        return fig
 
 
-def ellipses_along_track(known: Uncertainties, positions: Array) -> str:
+def ellipses_along_track(known: Uncertainties, positions: Array) -> Figure:
     """The position's covariance as ellipses along the track, from above and from the side (paper 000, Fig. 7).
 
     positions : (n, 3) [m] of the rows of ``known``. Three sigmas, made larger by one factor for the figure, which says
@@ -66,15 +66,12 @@ def ellipses_along_track(known: Uncertainties, positions: Array) -> str:
             *fig.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=6,
             title=f"{_SIGMAS:g} sigma" + (f", {factor:g} times as large" if factor > 1.0 else ""),
         )  # fmt: skip
-        return svg(fig)
+        return fig
 
 
 def mode_colours(known: Uncertainties) -> dict[str, str]:
     """A colour for each mode that occurs, in order of appearance."""
-    names = list(dict.fromkeys(name for _, _, name in known.stretches()))
-    others = [name for name in names if name not in MODE_COLOURS]
-    colours = {**MODE_COLOURS, **dict(zip(others, cycle(MORE_COLOURS), strict=False))}
-    return {name: colours[name] for name in names}
+    return named((name for _, _, name in known.stretches()), MODES)
 
 
 def _draw_modes(axes: Axes, known: Uncertainties, distance: Array, colours: dict[str, str]) -> None:

@@ -3,43 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
-from tools.report.page import table
 from tools.report.series import Band
 
 Event = Mapping[str, Any]
 
 MAX_ROWS = 3000
-"""Rows shown of one kind of event; `events.jsonl` has all."""
+"""Rows in a page of one kind of event; `events.jsonl` has all."""
 
 FIRST = ("id", "accepted", "reason", "before", "after", "why")
 """Columns that stand before the others."""
 
+HIDDEN = ("stamp_ns", "kind", "overlay")
 
-def event_tables(events: Sequence[Event], start_ns: int) -> list[tuple[str, str]]:
-    """One (title, table) a kind of event, in order of their first appearance."""
+
+@dataclass(frozen=True, slots=True)
+class EventTable:
+    """Events of one kind: column names, which of them hold words, rows of cells; ``count`` of all there are."""
+
+    kind: str
+    columns: tuple[str, ...]
+    words: tuple[bool, ...]
+    rows: tuple[tuple[float | str, ...], ...]
+    count: int
+
+
+def event_tables(events: Sequence[Event], start_ns: int, most: int = MAX_ROWS) -> list[EventTable]:
+    """One table a kind of event, in order of their first appearance."""
     kinds: dict[str, list[Event]] = {}
     for event in events:
         kinds.setdefault(str(event["kind"]), []).append(event)
-    return [(_title(kind, rows), _event_table(rows, start_ns)) for kind, rows in kinds.items()]
+    return [_event_table(kind, rows, start_ns, most) for kind, rows in kinds.items()]
 
 
-def _title(kind: str, rows: Sequence[Event]) -> str:
-    shown = f", the first {MAX_ROWS} shown" if len(rows) > MAX_ROWS else ""
-    return f"Events: {kind.replace('_', ' ')} ({len(rows)}{shown})"
-
-
-def _event_table(events: Sequence[Event], start_ns: int) -> str:
-    events = events[:MAX_ROWS]
-    keys = dict.fromkeys(key for event in events for key in event if key not in ("stamp_ns", "kind"))
+def _event_table(kind: str, events: Sequence[Event], start_ns: int, most: int) -> EventTable:
+    shown = events[:most]
+    keys = dict.fromkeys(key for event in shown for key in event if key not in HIDDEN)
     columns = sorted(keys, key=lambda key: FIRST.index(key) if key in FIRST else len(FIRST))
+    words = [any(isinstance(event.get(column), str | list | dict) for event in shown) for column in columns]
     rows = [
-        [f"{(event['stamp_ns'] - start_ns) * 1e-9:.1f}", *(cell(event.get(column)) for column in columns)]
-        for event in events
+        (round((event["stamp_ns"] - start_ns) * 1e-9, 3), *(_number_or_cell(event.get(column)) for column in columns))
+        for event in shown
     ]
-    text = [column for column in columns if any(isinstance(event.get(column), str | list) for event in events)]
-    return table(["time [s]", *columns], rows, text=text)
+    return EventTable(kind, ("time [s]", *columns), (False, *words), tuple(rows), len(events))
+
+
+def _number_or_cell(value: object) -> float | str:
+    """Numbers stay numbers, so that a table can be sorted by them."""
+    if isinstance(value, float) and isfinite(value):
+        return float(f"{value:.4g}")
+    return value if type(value) is int else cell(value)
 
 
 def cell(value: object) -> str:

@@ -1,23 +1,25 @@
-"""Matplotlib as the report uses it: one look, units on the axes, inline SVG, the same bytes every time."""
+"""Matplotlib as the reports use it: one look, units on the axes, the same bytes every time."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+
+from semmap.files import written_whole
+from tools.report.colours import FAINT, INK, LINE
 
 matplotlib.use("Agg")
 
-INK, FAINT, LINE = "#1b1f24", "#5f6b76", "#d9dee3"
-ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PINK = (
-    "#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7",
-)  # fmt: skip
-"""The palette of Okabe and Ito, told apart by colour-blind eyes."""
+PRINT_DPI = 300
 
 LOOK: dict[Any, Any] = {
     "svg.fonttype": "none",
@@ -36,7 +38,19 @@ LOOK: dict[Any, Any] = {
     "ytick.color": FAINT,
     "legend.frameon": False,
     "figure.constrained_layout.use": True,
+    # names of runs, sensors and files may hold a dollar sign: they are words, not formulas
+    "text.parse_math": False,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A figure with the name of its files and its caption; ``over_time``: its x axis is the time of the run."""
+
+    name: str
+    figure: Figure
+    caption: str = ""
+    over_time: bool = False
 
 
 @contextmanager
@@ -48,10 +62,33 @@ def look() -> Iterator[None]:
 
 def svg(fig: Figure) -> str:
     """A figure as an SVG element for an HTML page."""
-    buffer = io.StringIO()
-    fig.savefig(buffer, format="svg", dpi=130, metadata={"Date": None, "Creator": None})
+    with look():
+        buffer = io.StringIO()
+        fig.savefig(buffer, format="svg", dpi=130, metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :]
+
+
+def write_drawing(drawing: Drawing, directory: Path) -> None:
+    """Write a figure as ``NAME.png`` and ``NAME.svg`` for print."""
+    with look():
+        for ending, facts in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
+            with written_whole(directory / f"{drawing.name}.{ending}") as temporary:
+                drawing.figure.savefig(temporary, format=ending, dpi=PRINT_DPI, metadata=facts)
+
+
+def time_axis(fig: Figure) -> tuple[float, float, float, float]:
+    """Where the x axis of a figure is: shares of its width at both ends, and the numbers there; after `svg`."""
+    axes = fig.axes[0]
+    box = axes.get_position()
+    return (float(box.x0), float(box.x1), *(float(value) for value in axes.get_xlim()))
+
+
+def logarithmic(axis: Axis) -> None:
+    """A logarithmic axis with its numbers written out: powers would be formulas, which `LOOK` turns off."""
+    getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter("")
 
 
 def plain_numbers(axes: Axes) -> None:

@@ -1,55 +1,66 @@
-"""The HTML shell of a report: sections, figures, tables."""
+"""The HTML shell of a report: one file with its style, its scripts and its data, which asks no network for anything."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from importlib.resources import files
+from typing import Any
+
+from matplotlib import colormaps
 
 import semmap
+from tools.report import colours
+from tools.report.figures import Drawing, svg, time_axis
+from tools.report.pack import BATCH, Blobs, json_element
 
-STYLE = """
-:root { --ink: #1b1f24; --faint: #5f6b76; --line: #d9dee3; --band: #f5f7f9; }
-body { font: 15px/1.5 system-ui, "Segoe UI", "Noto Sans", sans-serif; color: var(--ink); background: #fff;
-       margin: 0 auto; padding: 1.5rem 1.25rem 4rem; max-width: 68rem; }
-h1 { font-size: 1.6rem; margin: 0 0 .2rem; }
-h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem; border-bottom: 1px solid var(--line);
-     padding-bottom: .25rem; }
-p.lead { color: var(--faint); margin: 0 0 1rem; }
-p.note { color: var(--faint); font-size: .9rem; margin: .4rem 0; }
-figure { margin: .8rem 0; }
-figure svg { width: 100%; height: auto; display: block; }
-figure.narrow { max-width: 38rem; }
-figcaption { color: var(--faint); font-size: .9rem; }
-.scroll { overflow-x: auto; max-height: 36rem; overflow-y: auto; border: 1px solid var(--line);
-           border-radius: 4px; }
-table { border-collapse: collapse; font-size: .88rem; width: 100%; font-variant-numeric: tabular-nums; }
-th, td { padding: .28rem .6rem; text-align: right; border-bottom: 1px solid var(--line);
-         white-space: nowrap; }
-th { position: sticky; top: 0; background: var(--band); font-weight: 600; }
-th:first-child, td:first-child, .text { text-align: left; }
-td.text { white-space: normal; min-width: 11rem; }
-tr:last-child td { border-bottom: 0; }
-dl { display: grid; grid-template-columns: repeat(auto-fill, minmax(9.5rem, 1fr)); gap: .7rem;
-     margin: 1rem 0; }
-dl div { background: var(--band); border-radius: 4px; padding: .5rem .7rem; }
-dt { color: var(--faint); font-size: .82rem; } dd { margin: 0; font-size: 1.15rem; font-weight: 600; }
-.grid { display: grid; grid-template-columns: repeat(auto-fill, minmax(8.5rem, 1fr)); gap: .6rem; }
-.grid figure { margin: 0; text-align: center; }
-pre { background: var(--band); padding: .8rem; overflow-x: auto; font-size: .82rem; border-radius: 4px; }
-summary { cursor: pointer; color: var(--faint); }
-"""
+_SHARED_SCRIPTS = ("base", "cloud", "contour", "matrix", "tables", "plan", "timeline")
 
 
-def page(title: str, lead: str, *sections: str) -> str:
-    """A whole page; ``lead`` is plain text, ``sections`` are HTML."""
+def page(title: str, lead: str, *sections: str, script: str, data: Mapping[str, Any], blobs: Blobs) -> str:
+    """A whole page; ``lead`` is plain text, ``sections`` are HTML, ``script`` the name of the page's own script.
+
+    Browsers run only the scripts whose hash the page names, and load nothing from anywhere.
+    """
+    code = "\n".join(asset(f"{name}.js") for name in (*_SHARED_SCRIPTS, script))
+    digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
+    policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data: blob:; script-src 'sha256-{digest}'"
+    told = {**data, "colours": script_colours(), "scale": colour_scale(), "batch": BATCH}
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{escape(policy)}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>\n"
-        f'<h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p>\n'
+        '<link rel="icon" href="data:,">'
+        f"<title>{escape(title)}</title><style>{asset('page.css')}</style></head><body>\n"
+        f'<header><h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p></header>\n'
+        "<noscript><p>Plan, clouds and tables of this page are drawn by its own scripts: allow them.</p></noscript>\n"
         + "\n".join(section for section in sections if section)
-        + f'\n<p class="note">semmap {escape(semmap.__version__)}</p></body></html>\n'
+        + f'\n<footer><p class="note">semmap {escape(semmap.__version__)}</p></footer>\n'
+        + json_element(told)
+        + f"\n{blobs.html()}\n<script>{code}</script>\n</body></html>\n"
     )
+
+
+def asset(name: str) -> str:
+    """A style or script of the reports."""
+    return files("tools.report").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def script_colours() -> dict[str, Any]:
+    """The colours as the scripts call them."""
+    c = colours
+    return {
+        "ink": c.INK, "faint": c.FAINT, "line": c.LINE, "wall": c.WALL, "band": "#eef1f4", "proven": c.PROVEN,
+        "anchor": c.ANCHOR, "branch": c.ORANGE, "contour": c.BLUE, "map_cloud": c.MAP_CLOUD,
+        "live_cloud": c.LIVE_CLOUD, "kinds": c.KINDS,
+    }  # fmt: skip
+
+
+def colour_scale(steps: int = 64) -> list[list[int]]:
+    """The scale of numbers as red, green and blue from 0 to 255."""
+    return [[round(255 * value) for value in colormaps[colours.SCALE](k / (steps - 1))[:3]] for k in range(steps)]
 
 
 def section(title: str, *parts: str) -> str:
@@ -63,29 +74,36 @@ def note(text: str) -> str:
     return f'<p class="note">{escape(text)}</p>'
 
 
-def figure(graphic: str, caption: str = "", *, narrow: bool = False) -> str:
-    """An inline graphic with its caption."""
-    below = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-    kind = ' class="narrow"' if narrow else ""
-    return f"<figure{kind}>{graphic}{below}</figure>"
+def place(id: str, kind: str = "") -> str:
+    """Where a script puts something."""
+    return f'<div id="{escape(id)}" class="{escape(kind)}"></div>' if kind else f'<div id="{escape(id)}"></div>'
+
+
+def figure(drawing: Drawing) -> str:
+    """A drawing with its caption; one over time says where its time axis is, for the page's time cursor."""
+    graphic = svg(drawing.figure)
+    below = f"<figcaption>{escape(drawing.caption)}</figcaption>" if drawing.caption else ""
+    axis = " ".join(f"{value:.6g}" for value in time_axis(drawing.figure)) if drawing.over_time else ""
+    data = f' data-time-axis="{axis}"' if axis else ""
+    return f'<figure id="{escape(drawing.name)}"><div class="wide"{data}>{graphic}</div>{below}</figure>'
 
 
 def facts(values: Mapping[str, str]) -> str:
     """Headline figures as small cards."""
     cards = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in values.items())
-    return f"<dl>{cards}</dl>" if cards else ""
+    return f'<dl class="facts">{cards}</dl>' if cards else ""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, text: Sequence[str] = ()) -> str:
     """A table of plain text; the columns named in ``text`` stand left. Empty where there is no row."""
-    kind = ['class="text"' if name in text else "" for name in head]
+    kind = [' class="text"' if name in text else "" for name in head]
     body = "".join(
-        "<tr>" + "".join(f"<td {k}>{escape(cell)}</td>" for k, cell in zip(kind, row, strict=True)) + "</tr>\n"
+        "<tr>" + "".join(f"<td{k}>{escape(cell)}</td>" for k, cell in zip(kind, row, strict=True)) + "</tr>\n"
         for row in rows
     )
     if not body:
         return ""
-    top = "".join(f"<th {k}>{escape(name)}</th>" for k, name in zip(kind, head, strict=True))
+    top = "".join(f'<th scope="col"{k}>{escape(name)}</th>' for k, name in zip(kind, head, strict=True))
     return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>\n{body}</tbody></table></div>'
 
 

@@ -7,17 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from semmap import database
 from semmap.errors import InputFileError, SemmapError
+from semmap.geometry import Array
 from semmap.intersections import SemanticMap
 from semmap.trajectory import Trajectory
-from tools.evaluate import load_trajectories
+from tools.evaluate import CheckPoints, load_trajectories, read_check_points
+from tools.overlays import Overlays, read_overlays
 from tools.report.uncertainty import Uncertainties, read_uncertainties
 
 
 @dataclass(frozen=True, slots=True)
 class RunFiles:
-    """One run: trajectories by name, events, summary, settings text; evaluation, truth, map and uncertainty if any."""
+    """One run: trajectories by name, events, summary, settings text; and what there is of the others.
+
+    overlays : what the ICP checks compared. timing : of each scan [ms]; ``timed`` says which time.
+    """
 
     name: str
     trajectories: dict[str, Trajectory]
@@ -28,6 +35,15 @@ class RunFiles:
     truth: Trajectory | None
     semantic_map: SemanticMap | None
     uncertainty: Uncertainties | None = None
+    check_points: CheckPoints | None = None
+    overlays: Overlays | None = None
+    timing: Array | None = None
+    timed: str = "ms"
+
+    @property
+    def end_ns(self) -> int:
+        """Stamp of the last pose of any trajectory, 0 where there is none."""
+        return max((int(one.stamps_ns[-1]) for one in self.trajectories.values() if len(one)), default=0)
 
     @property
     def start_ns(self) -> int:
@@ -35,11 +51,15 @@ class RunFiles:
         return min((int(one.stamps_ns[0]) for one in self.trajectories.values() if len(one)), default=0)
 
 
-def read_run(directory: Path) -> RunFiles:
-    """The run in ``directory``; raises `InputFileError` where a file of it is missing or damaged."""
+def read_run(directory: Path, map_file: Path | None = None) -> RunFiles:
+    """The run in ``directory``; raises `InputFileError` where a file of it is missing or damaged.
+
+    map_file : the database, where it no longer is where the run found it; `DatabaseError` where it is none.
+    """
     trajectories = load_trajectories(directory)
     summary = _json(directory / "summary.json")
-    told = directory / "uncertainty.csv"
+    told, laid, timed = (directory / name for name in ("uncertainty.csv", "overlays.h5", "timing.csv"))
+    timing, timed_as = _timing(timed) if timed.is_file() else (None, "ms")
     evaluation = _json(directory / "evaluation.json") if (directory / "evaluation.json").is_file() else {}
     return RunFiles(
         name=directory.resolve().name,
@@ -49,8 +69,12 @@ def read_run(directory: Path) -> RunFiles:
         settings=_text(directory / "settings.yaml"),
         evaluation=evaluation,
         truth=_truth(evaluation.get("truth")),
-        semantic_map=_semantic_map(summary.get("map")),
+        semantic_map=_semantic_map(summary.get("map")) if map_file is None else database.load(map_file),
         uncertainty=read_uncertainties(told) if told.is_file() else None,
+        check_points=_check_points(evaluation.get("truth")),
+        overlays=read_overlays(laid) if laid.is_file() else None,
+        timing=timing,
+        timed=timed_as,
     )
 
 
@@ -79,7 +103,12 @@ def _json(path: Path) -> dict[str, Any]:
 
 def _events(path: Path) -> list[dict[str, Any]]:
     lines = enumerate(_text(path).splitlines(), 1)
-    return [_parsed(line, path, number) for number, line in lines if line.strip()]
+    events = [(number, _parsed(line, path, number)) for number, line in lines if line.strip()]
+    for number, event in events:
+        if type(event.get("stamp_ns")) is not int or not isinstance(event.get("kind"), str):
+            mend = "run `semmap localize` again"
+            raise InputFileError("has no stamp_ns or kind", file=path, field=f"line {number}", mend=mend)
+    return [event for _, event in events]
 
 
 def _truth(name: str | None) -> Trajectory | None:
@@ -87,6 +116,22 @@ def _truth(name: str | None) -> Trajectory | None:
     if name is None or name.endswith(".csv") or not Path(name).is_file():
         return None
     return Trajectory.load_tum(name)
+
+
+def _check_points(name: str | None) -> CheckPoints | None:
+    if name is None or not name.endswith(".csv") or not Path(name).is_file():
+        return None
+    return read_check_points(name)
+
+
+def _timing(path: Path) -> tuple[Array, str]:
+    """Milliseconds of each scan (n,), and what they are."""
+    name, *lines = _text(path).split() or [""]
+    try:
+        return np.array([float(line) for line in lines]), name
+    except ValueError as reason:
+        mend = "run `semmap localize` again"
+        raise InputFileError(f"is not a column of numbers ({reason})", file=path, mend=mend) from None
 
 
 def _semantic_map(name: str | None) -> SemanticMap | None:
