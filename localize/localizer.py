@@ -17,6 +17,7 @@ from localize.keyframes import Keyframe, Keyframes
 from localize.legs import Leg, joined, trajectory
 from localize.links import LinkCovariances
 from localize.matcher import Expected, IntersectionMatcher, Place, Sight
+from localize.mountings import estimated_mountings
 from localize.odometry import OdometryPose
 from localize.prism import PrismPosition
 from localize.ranging import Ranging
@@ -221,6 +222,8 @@ class Localizer:
         self._keyframe_track.append((keyframe.stamp_ns, keyframe.T_odom_imu))
         unmoved = self._leg.unmoved
         unmoved.append(unmoved[-1] @ pose.T_keyframe_imu if unmoved else pose.T_odom_imu)
+        if self.rig.uwb is not None and not self._graph.anchored:
+            self._sightings.sight_lines.add(transform(unmoved[-1], keyframe.points))
         self._counts["keyframes"] += 1
         if self._at is not None:
             self._at = carried(self._at, *self._graph.link(len(self._graph) - 1))
@@ -301,7 +304,7 @@ class Localizer:
         self._share_place()
 
     def _take_sightings(self, pose: OdometryPose) -> None:
-        sightings = self._sightings.reached(pose.stamp_ns, self._unmoved(pose))
+        sightings = self._sightings.reached(pose.stamp_ns, self._unmoved(pose), pose.state.T_imu_tag[:3, 3])
         if not sightings or self._newest is None:
             return
         if self._graph.anchored:
@@ -358,7 +361,10 @@ class Localizer:
             return
         turned = np.kron(np.eye(2), self._at.T_map_imu[:3, :3])
         ranging = Ranging(uwb, self._sightings.anchors, self.settings.ranges) if uwb is not None else None
-        engine.locate(self._T_map_odom(), 4.0 * turned @ self._at.covariance @ turned.T, ranging)
+        place = 4.0 * turned @ self._at.covariance @ turned.T
+        # the place was found by the tag where the rig has it
+        place[3:, 3:] += self.settings.odometry.extrinsics.tag.position_std**2 * np.eye(3)
+        engine.locate(self._T_map_odom(), place, ranging)
         self._sightings.shared = True
 
     def _note_ranges(self) -> None:
@@ -519,6 +525,13 @@ class Localizer:
         dropped = {f"dropped {what}": count for what, count in engine.dropped.items()}
         return Counter({"wheel_slips": slips, "imu_gaps": engine.gaps, **dropped})
 
+    def _mountings(self) -> dict[str, dict[str, Any]]:
+        """Those that are estimated."""
+        engine = self._odometry.odometry
+        if engine is None:
+            return {}
+        return estimated_mountings(engine.filter.state, engine.filter.P, self.settings.odometry.extrinsics)
+
     def _summary(self) -> dict[str, Any]:
         engine = self._odometry.odometry
         counted = self._past + self._odometry_counts()
@@ -528,6 +541,7 @@ class Localizer:
             "dropped": {key[8:]: n for key, n in counted.items() if key.startswith("dropped ")},
             "wheel_slips": counted["wheel_slips"],
             "wheel_scale": engine.filter.state.wheel_scale if engine and engine.wheel else None,
+            "mountings": self._mountings(),
             "imu_gaps": counted["imu_gaps"],
             "odometry_breaks": counted["odometry_breaks"],
             "unknown_anchors": sorted(self._sightings.unknown_anchors),
