@@ -23,7 +23,11 @@ _MISFIT = 3.0
 _BAD_PART = 0.3
 """More outliers than this and the solution is not believed."""
 _FITS = 3
-"""Fits of fixes, each without those that the one before did not explain."""
+"""Fits, each without what the one before did not explain."""
+_SOME_PART = 0.25
+"""With fewer ranges that fit nothing is made better by leaving out the others."""
+_AS_WELL = 0.5
+"""A place that fits worse by less than this share, and by less than ten, fits as well."""
 _REDUNDANT = 4
 """So many anchors that fit outvote one that does not."""
 _HIDDEN, _CLEARER = 0.5, 0.3
@@ -97,11 +101,12 @@ def align_ranges(
     middle = p_level.mean(axis=0)
     problem = _Ranges(p_level - middle, anchors, distances, std, bias_std)
     found = problem.solutions()
-    best = min(found, key=lambda solution: solution.cost)
-    as_well = [one for one in found if one.cost < 1.5 * best.cost + 10.0]
+    costs = [problem.cost(one.x) for one in found]
+    limit = min(costs) + _AS_WELL * problem.cost_of_fits(found[int(np.argmin(costs))].x) + 10.0
+    as_well = [one for one, cost in zip(found, costs, strict=True) if cost < limit]
     if hidden is not None:
         as_well = _in_sight(as_well, problem, middle, hidden)
-    best = min(as_well, key=lambda solution: solution.cost, default=best)
+    best = min(as_well, key=lambda one: problem.cost(one.x), default=found[0])
     if not as_well or not problem.explained(best.x):
         return None
     farthest = max((one.x[1:4] for one in as_well), key=lambda p: float(np.linalg.norm(p - best.x[1:4])))
@@ -157,6 +162,14 @@ class _Ranges:
         """Which of the ranges (n,) do."""
         return np.asarray(np.abs(self.residual(x)[: len(self.distances)]) < _MISFIT)
 
+    def cost(self, x: Array) -> float:
+        """Half the squares of `residual`; what no place explains counts the same for all."""
+        return 0.5 * float(np.sum(np.minimum(self.residual(x) ** 2, _MISFIT**2)))
+
+    def cost_of_fits(self, x: Array) -> float:
+        """The part of it that is of ranges that fit."""
+        return 0.5 * float(np.sum(self.residual(x)[: len(self.distances)][self.fits(x)] ** 2))
+
     def explained(self, x: Array) -> bool:
         """Whether most ranges fit, and most anchors: one that never does may be blocked, or any of them surveyed wrong.
 
@@ -171,14 +184,34 @@ class _Ranges:
         headings = np.linspace(-np.pi, np.pi, _STARTS, endpoint=False)
         below = self.anchors.mean(axis=0) + [0.0, 0.0, -0.5]
         found = [self._solved(np.array([yaw, *below])) for yaw in headings]
-        best = min(found, key=lambda solution: solution.cost)
+        best = min(found, key=lambda one: self.cost(one.x))
         return found + [self._solved(start) for start in _mirrored(best.x, self.centred, self.surveyed)]
 
     def _solved(self, start: Array) -> OptimizeResult:
+        """Where a descent ends, and then, without the ranges that do not fit there, others: they drew it aside."""
+        found = self._descent(np.append(start, np.zeros(self._biases)), np.ones(len(self.distances), np.bool_))
+        used = self.fits(found.x)
+        for _ in range(_FITS):
+            if used.all() or used.mean() < _SOME_PART:
+                break
+            found, before = self._descent(found.x, used), used
+            used = self.fits(found.x)
+            if np.array_equal(used, before):
+                break
+        return found
+
+    def _descent(self, start: Array, used: NDArray[np.bool_]) -> OptimizeResult:
+        """By some of the ranges (n,), and the biases' own."""
+        rows = np.append(used, np.ones(self._biases, np.bool_))
         x_scale = [0.1, *np.ones(3 + self._biases)]
-        start = np.append(start, np.zeros(self._biases))
         return least_squares(
-            self.residual, start, self.jacobian, loss="huber", f_scale=_HUBER, x_scale=x_scale, max_nfev=_STEPS
+            lambda x: self.residual(x)[rows],
+            start,
+            lambda x: self.jacobian(x)[rows],
+            loss="huber",
+            f_scale=_HUBER,
+            x_scale=x_scale,
+            max_nfev=_STEPS,
         )
 
 

@@ -411,11 +411,12 @@ class Localizer:
         distance = self._true_distance(sighting)
         off = abs(float(np.linalg.norm(error)) - distance)
         s, kind = self.settings.ranges, "prism" if sighting.anchor is None else "range"
-        std, least = float(np.hypot(sighting.std, self._at.position_std if self._at is not None else 0.0)), s.min_gate
+        known = self._at.position_std if self._at is not None else self.settings.sightings.align_position_std
+        std, least = float(np.hypot(sighting.std, known)), s.min_gate
         if sighting.anchor is None:
             least, std = s.min_prism_gate, float(np.hypot(std, np.sqrt(np.trace(way))))
             off, std = self._off_filter(sighting, pose, off, std)
-        if pose is not None and off > max(least, s.max_innovation * std):
+        if (pose is not None or sighting.anchor is not None) and off > max(least, s.max_innovation * std):
             self._event(sighting.stamp_ns, f"{kind}_refused", anchor=sighting.anchor, off_m=float(off))
             return
         if sighting.anchor in self._anchors_that_are["blocked"]:

@@ -18,6 +18,8 @@ from semmap.rig import Rig
 
 _NEW, _FEW = 6, 12
 """So many new sightings, or a tenth of the last ones, are worth another look; so few fixes may tell where odom lies."""
+_ALL = 10
+"""Times as many sightings are kept as the first alignment looks at: they are pinned once it is there."""
 _LATE = 5.0
 """Intervals after which a fix is the first for a while."""
 
@@ -52,7 +54,10 @@ class Sightings:
         self._waiting: deque[tuple[UwbRange | PrismFix, float]] = deque()
         self._taken_ns: dict[int | None, int] = {}
         self._poses: deque[tuple[int, Array]] = deque(maxlen=100)
-        self._kept: deque[Sighting] = deque(maxlen=settings.window)
+        self._kept: deque[Sighting] = deque(maxlen=_ALL * settings.window)
+        self._apart: deque[Sighting] = deque(maxlen=settings.window)
+        """Of those kept, one of each source in an interval."""
+        self._apart_ns: dict[int | None, int] = {}
         self._sighted, self._tried = 0, 0
         self.unknown_anchors: set[int] = set()
         self.shared = False
@@ -71,7 +76,7 @@ class Sightings:
         """Take a range or fix in, or say that it is the filter's: each is counted once.
 
         What the rig has no block for, or no anchor, is left out. Readings of one source within ``interval_s`` share
-        one error: before anything is anchored one of them will do, later all are used and count as one.
+        one error: all are used and count as one. Of fixes, before anything is anchored, one of them will do.
         """
         if isinstance(measurement, UwbRange):
             if self.rig.uwb is None:
@@ -83,7 +88,7 @@ class Sightings:
             return False
         source = measurement.anchor if isinstance(measurement, UwbRange) else None
         since_s = (measurement.stamp_ns - self._taken_ns.get(source, -(1 << 62))) * 1e-9
-        if not self.shared and 0.0 <= since_s < self.settings.interval_s:
+        if source is None and not self.shared and 0.0 <= since_s < self.settings.interval_s:
             return False
         self._taken_ns[source] = measurement.stamp_ns
         if self.shared and self._is_filters_turn(source, measurement.stamp_ns):
@@ -120,7 +125,12 @@ class Sightings:
         at = interpolate_poses(stamps, poses, np.array([m.stamp_ns for m, _ in ready], np.int64))
         sightings = [self._sighting(m, T, alike, p_imu_tag) for (m, alike), T in zip(ready, at, strict=True)]
         self._kept.extend(sightings)
-        self._sighted += len(sightings)
+        for sighting in sightings:
+            since_s = (sighting.stamp_ns - self._apart_ns.get(sighting.anchor, -(1 << 62))) * 1e-9
+            if since_s >= self.settings.interval_s:
+                self._apart_ns[sighting.anchor] = sighting.stamp_ns
+                self._apart.append(sighting)
+                self._sighted += 1
         return sightings
 
     def _sighting(self, m: UwbRange | PrismFix, T_odom_imu: Array, alike: float, p_imu_tag: Array | None) -> Sighting:
@@ -144,12 +154,12 @@ class Sightings:
 
         odometry_std : how well odometry says it knows the place in odom [m].
         """
-        if self._sighted < self._tried + max(_NEW, len(self._kept) // 10):
+        if self._sighted < self._tried + max(_NEW, len(self._apart) // 10):
             return None
         self._tried = self._sighted
         s = self.settings
-        fixes = [sighting for sighting in self._kept if sighting.anchor is None]
-        ranges = [sighting for sighting in self._kept if sighting.anchor is not None]
+        fixes = [sighting for sighting in self._apart if sighting.anchor is None]
+        ranges = [sighting for sighting in self._apart if sighting.anchor is not None]
         # the fewer, the less odometry has slid since: once it did, all of them never fit again
         of_fixes = (_align_fixes(fixes[-count:], R_level_odom, odometry_std) for count in (_FEW, 2 * _FEW, len(fixes)))
         for alignment in (*of_fixes, self._align_ranges(ranges, R_level_odom)):
