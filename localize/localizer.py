@@ -33,6 +33,8 @@ from semmap.measurements import ImuSample, Measurement, PrismFix, UwbRange
 from semmap.rig import Rig
 
 _UP = np.array([0.0, 0.0, 1.0])
+_SETTLING = 10
+"""Steps of the graph from a place that an alignment found: ranges are bent, and it may be decimetres off."""
 
 
 class Localizer:
@@ -345,6 +347,7 @@ class Localizer:
         self._found(pose, by)
 
     def _found(self, pose: OdometryPose, by: str) -> None:
+        self._graph.solve(steps=_SETTLING)
         self._solve()
         self._share_place()
         self._set_state("tracking", pose.stamp_ns, f"aligned by {by}")
