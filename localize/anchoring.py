@@ -33,6 +33,11 @@ _REDUNDANT = 4
 _HIDDEN, _CLEARER = 0.5, 0.3
 """A place from which more of the anchors' lines of sight than this pass through rock is none; neither is one of several
 that fit from which so many more do than from another."""
+_PLAIN_STD = 0.05
+"""A place that is known better is known in the first order [m]."""
+_TOO_FAR = 2.0
+"""Half the square of two sigmas."""
+_STRIDE_M, _FARTHEST_M = 0.03, 1.5
 _SAME_M = 0.5
 _SAME_COS = 0.98
 """Solutions closer than this, at the track's middle and by the cosine of the headings' difference, are one."""
@@ -40,11 +45,17 @@ _SAME_COS = 0.98
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """``T_map_level`` (4, 4) of a gravity-levelled odom, with the standard deviation of heading [rad] and place [m]."""
+    """``T_map_level`` (4, 4) of a gravity-levelled odom, with the standard deviation of heading [rad] and place [m].
+
+    bent : unit vector (3,) in the map along which the ranges tell of the place in the second order only, or None: where
+    the track lies nearly in the plane of the anchors. ``bent_std`` : how well they do [m].
+    """
 
     T_map_level: Array
     yaw_std: float
     position_std: float
+    bent: Array | None = None
+    bent_std: float = 0.0
 
     def sure(self, *, yaw_std: float, position_std: float) -> bool:
         """Whether it is known this well."""
@@ -109,19 +120,40 @@ def align_ranges(
     best = min(as_well, key=lambda one: problem.cost(one.x), default=found[0])
     if not as_well or not problem.explained(best.x):
         return None
-    farthest = max((one.x[1:4] for one in as_well), key=lambda p: float(np.linalg.norm(p - best.x[1:4])))
-    half = 0.5 * (farthest - best.x[1:4])
-    if 2.0 * np.linalg.norm(half) > _SAME_M or min(np.cos(one.x[0] - best.x[0]) for one in as_well) < _SAME_COS:
+    apart = max((one.x[1:4] - best.x[1:4] for one in as_well), key=lambda p: float(np.linalg.norm(p)))
+    if np.linalg.norm(apart) > _SAME_M or min(np.cos(one.x[0] - best.x[0]) for one in as_well) < _SAME_COS:
         return None
+    return _alignment(problem, best, apart, middle)
+
+
+def _alignment(problem: _Ranges, best: OptimizeResult, apart: Array, middle: Array) -> Alignment | None:
+    """The alignment of a solution, or of the middle between it and its mirror image, which lies ``apart`` (3,) from it.
+
+    Where the track lies nearly in the plane of the anchors, the distance from it shows in the second order only: the
+    linear covariance is too large there by far, or by chance too small. How far the place may be moved in its worst
+    direction, all else following, until the ranges do not fit any more, says how well it is known.
+    """
     information = best.jac.T @ best.jac
     if np.linalg.cond(information) > 1e12:
         return None
     covariance = np.linalg.inv(information)
-    R = yaw_rotation(best.x[0])
+    variances, axes = np.linalg.eigh(covariance[1:4, 1:4])
+    linear_std, worst = float(np.sqrt(variances[2])), axes[:, 2]
+    x, std, bent = best.x, linear_std, False
+    if linear_std > _PLAIN_STD or np.linalg.norm(apart) > _PLAIN_STD:
+        ends = [problem.limit(best.x, sign * worst) for sign in (-1.0, 1.0)]
+        places = [0.0, float(apart @ worst), *(float((end[1:4] - best.x[1:4]) @ worst) for end in ends)]
+        low, high = min(places), max(places)
+        x = problem.moved(best.x, worst, 0.5 * (low + high))
+        std = max(0.25 * (high - low), 0.5 * float(np.linalg.norm(apart)))
+        bent = linear_std > 1.5 * std or float(np.linalg.norm(apart)) > std
+    R = yaw_rotation(x[0])
     return Alignment(
-        se3(R, best.x[1:4] + half - R @ middle),
+        se3(R, x[1:4] - R @ middle),
         float(np.sqrt(covariance[0, 0])),
-        float(np.hypot(np.sqrt(np.linalg.eigvalsh(covariance[1:4, 1:4])[-1]), np.linalg.norm(half))),
+        float(np.hypot(np.sqrt(variances[1]), std)),
+        worst if bent else None,
+        std if bent else 0.0,
     )
 
 
@@ -186,6 +218,33 @@ class _Ranges:
         found = [self._solved(np.array([yaw, *below])) for yaw in headings]
         best = min(found, key=lambda one: self.cost(one.x))
         return found + [self._solved(start) for start in _mirrored(best.x, self.centred, self.surveyed)]
+
+    def moved(self, x: Array, axis: Array, metres: float) -> Array:
+        """``x`` moved along a unit vector (3,), all else following."""
+        others = np.delete(np.eye(len(x)), [1, 2, 3], axis=1)
+        across = np.zeros((len(x), 2))
+        across[1:4] = np.linalg.svd(axis[None])[2][1:].T
+        free = np.hstack([others, across])
+        start = x.copy()
+        start[1:4] += metres * axis
+        found = least_squares(
+            lambda y: self.residual(start + free @ y),
+            np.zeros(free.shape[1]),
+            lambda y: self.jacobian(start + free @ y) @ free,
+            loss="huber",
+            f_scale=_HUBER,
+            max_nfev=_STEPS,
+        )
+        return np.asarray(start + free @ found.x)
+
+    def limit(self, x: Array, axis: Array) -> Array:
+        """How far ``x`` may be moved along a unit vector (3,) until the ranges say by two sigmas that it is too far."""
+        cost = self.cost(x)
+        worse = _TOO_FAR * max(1.0, 2.0 * self.cost_of_fits(x) / max(1, int(self.fits(x).sum())))
+        metres = _STRIDE_M
+        while metres < _FARTHEST_M and self.cost(self.moved(x, axis, metres)) < cost + worse:
+            metres *= 1.5
+        return self.moved(x, axis, metres)
 
     def _solved(self, start: Array) -> OptimizeResult:
         """Where a descent ends, and then, without the ranges that do not fit there, others: they drew it aside."""

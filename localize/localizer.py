@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from localize.anchoring import Alignment
 from localize.beside import RecognitionBeside
 from localize.breaks import BreakWatch
 from localize.frames import going_on, round_origin, shifted
@@ -33,6 +34,7 @@ from semmap.measurements import ImuSample, Measurement, PrismFix, UwbRange
 from semmap.rig import Rig
 
 _UP = np.array([0.0, 0.0, 1.0])
+_ANYWHERE_M = 30.0
 _SETTLING = 10
 """Steps of the graph from a place that an alignment found: ranges are bent, and it may be decimetres off."""
 
@@ -319,7 +321,18 @@ class Localizer:
             self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, "ranges and fixes")
             for sighting in self._sightings.kept:
                 self._pin_sighting(sighting, None)
+            self._pin_bent(alignment)
             self._found(pose, "ranges and fixes")
+
+    def _pin_bent(self, alignment: Alignment) -> None:
+        """Tell the graph, which thinks in the first order, what the ranges say in the second."""
+        if alignment.bent is None:
+            return
+        kept, stamps = self._sightings.kept, [stamp for stamp, _ in self._keyframe_track]
+        index = max(0, int(np.searchsorted(stamps, kept[len(kept) // 2].stamp_ns, side="right")) - 1)
+        along = np.outer(alignment.bent, alignment.bent)
+        covariance = alignment.bent_std**2 * along + _ANYWHERE_M**2 * (np.eye(3) - along)
+        self._graph.pin_position(index, np.zeros(3), self._graph.pose(index)[:3, 3], covariance)
 
     def _anchor_standing(self, pose: OdometryPose) -> None:
         """A machine that stands in sight of the total station and knows north (paper 002, static initialization)."""
