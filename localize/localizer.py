@@ -318,8 +318,9 @@ class Localizer:
         R_level_odom = rotation_between(self._newest.up_odom, _UP)
         alignment = self._sightings.align(R_level_odom, pose.position_std)
         if alignment is not None:
-            self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, "ranges and fixes")
-            for sighting in self._sightings.kept:
+            T_map_odom = alignment.T_map_level @ se3(R_level_odom, np.zeros(3))
+            self._anchor(T_map_odom, pose.stamp_ns, "ranges and fixes")
+            for sighting in self._sightings.in_sight(self._sightings.kept, T_map_odom):
                 self._pin_sighting(sighting, None)
             self._pin_bent(alignment)
             self._found(pose, "ranges and fixes")
@@ -427,7 +428,8 @@ class Localizer:
         distance = self._true_distance(sighting)
         off = abs(float(np.linalg.norm(error)) - distance)
         s, kind = self.settings.ranges, "prism" if sighting.anchor is None else "range"
-        known = self._at.position_std if self._at is not None else self.settings.sightings.align_position_std
+        # ranges that align odom fit at once, or not at all
+        known = self._at.position_std if self._at is not None else 0.0
         std, least = float(np.hypot(sighting.std, known)), s.min_gate
         if sighting.anchor is None:
             least, std = s.min_prism_gate, float(np.hypot(std, np.sqrt(np.trace(way))))

@@ -12,7 +12,7 @@ from localize.anchoring import Alignment, align_fixes, align_ranges
 from localize.line_of_sight import SightLines
 from localize.settings import SightingSettings
 from localize.static_alignment import StaticAlignment
-from semmap.geometry import Array, interpolate_poses, se3, transform, yaw_of, yaw_rotation
+from semmap.geometry import Array, interpolate_poses, inverse, se3, transform, yaw_of, yaw_rotation
 from semmap.measurements import PrismFix, UwbRange
 from semmap.rig import Rig
 
@@ -168,6 +168,23 @@ class Sightings:
         return None
 
     def _align_ranges(self, ranges: list[Sighting], R_level_odom: Array) -> Alignment | None:
+        found = self._aligned_by(ranges, R_level_odom)
+        if found is None:
+            return None
+        seen = self.in_sight(ranges, found.T_map_level @ se3(R_level_odom, np.zeros(3)))
+        return found if len(seen) == len(ranges) else self._aligned_by(seen, R_level_odom)
+
+    def in_sight(self, sightings: list[Sighting], T_map_odom: Array) -> list[Sighting]:
+        """Those that did not come through rock, with odom at ``T_map_odom`` (4, 4): the others read too long."""
+        ranges = [sighting for sighting in sightings if sighting.anchor is not None]
+        if not ranges:
+            return sightings
+        at = transform(inverse(T_map_odom), np.array([sighting.p_map for sighting in ranges]))
+        blocked = self.sight_lines.blocked(np.array([sighting.p_odom for sighting in ranges]), at)
+        through = {id(sighting) for sighting, hit in zip(ranges, blocked, strict=True) if hit}
+        return [sighting for sighting in sightings if id(sighting) not in through]
+
+    def _aligned_by(self, ranges: list[Sighting], R_level_odom: Array) -> Alignment | None:
         if not ranges or self.rig.uwb is None:
             return None
         p_odom, anchors = np.array([r.p_odom for r in ranges]), np.array([r.p_map for r in ranges])
