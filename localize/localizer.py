@@ -435,7 +435,8 @@ class Localizer:
             least, std = s.min_prism_gate, float(np.hypot(std, np.sqrt(np.trace(way))))
             off, std = self._off_filter(sighting, pose, off, std)
         if (pose is not None or sighting.anchor is not None) and off > max(least, s.max_innovation * std):
-            self._event(sighting.stamp_ns, f"{kind}_refused", anchor=sighting.anchor, off_m=float(off))
+            if pose is not None:  # events are in order of time
+                self._event(sighting.stamp_ns, f"{kind}_refused", anchor=sighting.anchor, off_m=float(off))
             return
         if sighting.anchor in self._anchors_that_are["blocked"]:
             self._event(sighting.stamp_ns, "range_refused", anchor=sighting.anchor, off_m=float(off), why="blocked")

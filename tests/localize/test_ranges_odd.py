@@ -1,6 +1,7 @@
 """Ranges as no rig should have them: the place found is right, or none is."""
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -131,3 +132,5 @@ def test_anchors_surveyed_wrong_are_outvoted_and_ids_of_no_anchor_told():
     assert result.summary["unknown_anchors"] == [109]
     refused = [event for event in result.events if event["kind"] == "range_refused" and event["anchor"] == 103]
     assert len(refused) > 50
+    stamps = [event["stamp_ns"] for event in result.events]
+    assert all(later - before > -1e9 for before, later in pairwise(stamps))
