@@ -21,6 +21,7 @@ from localize.legs import joined, trajectory
 from localize.links import LinkCovariances
 from localize.loops import LoopPins
 from localize.matcher import IntersectionMatcher
+from localize.mountings import estimated_mountings
 from localize.odometry import OdometryPose
 from localize.results import LocalizationResult, State, Update
 from localize.settings import LocalizeSettings
@@ -199,6 +200,7 @@ class Localizer:
             self._on_keyframe(pose.stamp_ns, pose.points)
         keyframe = self._keyframes.add(pose, self._track.unmoved, self._links.settling_m(pose))
         self._track.add_keyframe(keyframe, pose, self._links.of(pose))
+        self._sightings.see(keyframe)
         self._links.keyframe(pose)
         if self._own_frame and not any(leg.graph.anchored for leg in self._track.legs):
             self._track.stay()
@@ -244,6 +246,13 @@ class Localizer:
         dropped = {f"dropped {what}": count for what, count in engine.dropped.items()}
         return Counter({"wheel_slips": slips, "imu_gaps": engine.gaps, **dropped})
 
+    def _mountings(self) -> dict[str, dict[str, Any]]:
+        """Those that are estimated."""
+        engine = self._odometry.odometry
+        if engine is None:
+            return {}
+        return estimated_mountings(engine.filter.state, engine.filter.P, self.settings.odometry.extrinsics)
+
     def _summary(self) -> dict[str, Any]:
         engine = self._odometry.odometry
         counted = self._past + self._odometry_counts()
@@ -253,6 +262,7 @@ class Localizer:
             "dropped": {key[8:]: n for key, n in counted.items() if key.startswith("dropped ")},
             "wheel_slips": counted["wheel_slips"],
             "wheel_scale": engine.filter.state.wheel_scale if engine and engine.wheel else None,
+            "mountings": self._mountings(),
             "imu_gaps": counted["imu_gaps"],
             "odometry_breaks": counted["odometry_breaks"],
             "unknown_anchors": sorted(self._sightings.unknown_anchors),

@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from localize.anchoring import Alignment
 from localize.journal import Journal
+from localize.keyframes import Keyframe
 from localize.odometry import Odometry, OdometryPose
 from localize.prism import PrismPosition
 from localize.ranging import Ranging
@@ -20,6 +22,9 @@ from semmap.measurements import PrismFix, UwbRange
 from semmap.rig import Rig
 
 _UP = np.array([0.0, 0.0, 1.0])
+_ANYWHERE_M = 30.0
+_SETTLING = 10
+"""Steps of the graph from a place that an alignment found: ranges are bent, and it may be decimetres off."""
 
 
 class SightingPins:
@@ -63,6 +68,11 @@ class SightingPins:
         its_turn = self.sightings.add(measurement)
         return its_turn or (isinstance(measurement, PrismFix) and self.rig.total_station is not None and not shared)
 
+    def see(self, keyframe: Keyframe) -> None:
+        """Rock that a keyframe saw: no range comes through it."""
+        if self.rig.uwb is not None and not self._track.graph.anchored:
+            self.sightings.sight_lines.add(transform(keyframe.T_odom_imu, keyframe.points))
+
     def take(self, pose: OdometryPose) -> None:
         """What was sighted until a pose pins the track, or finds its place."""
         self._note_ranges()
@@ -71,7 +81,7 @@ class SightingPins:
         self._anchor_standing(pose)
 
     def _pin_or_align(self, pose: OdometryPose) -> None:
-        sightings = self.sightings.reached(pose.stamp_ns, self._track.unmoved)
+        sightings = self.sightings.reached(pose.stamp_ns, self._track.unmoved, pose.state.T_imu_tag[:3, 3])
         if not sightings or self._track.newest is None:
             return
         if self._track.graph.anchored:
@@ -83,9 +93,21 @@ class SightingPins:
         if alignment is not None:
             T_map_odom = alignment.T_map_level @ se3(R_level_odom, np.zeros(3))
             self._track.anchor(T_map_odom, pose.stamp_ns, "ranges and fixes")
-            for sighting in self.sightings.kept:
+            for sighting in self.sightings.in_sight(self.sightings.kept, T_map_odom):
                 self._pin(sighting, None)
+            self._pin_bent(alignment)
             self._found(pose, "ranges and fixes")
+
+    def _pin_bent(self, alignment: Alignment) -> None:
+        """Tell the graph, which thinks in the first order, what the ranges say in the second."""
+        if alignment.bent is None:
+            return
+        graph, kept = self._track.graph, self.sightings.kept
+        stamps = [stamp for stamp, _ in self._track.keyframes]
+        index = max(0, int(np.searchsorted(stamps, kept[len(kept) // 2].stamp_ns, side="right")) - 1)
+        along = np.outer(alignment.bent, alignment.bent)
+        covariance = alignment.bent_std**2 * along + _ANYWHERE_M**2 * (np.eye(3) - along)
+        graph.pin_position(index, np.zeros(3), graph.pose(index)[:3, 3], covariance)
 
     def _anchor_standing(self, pose: OdometryPose) -> None:
         """A machine that stands in sight of the total station and knows north (paper 002, static initialization)."""
@@ -115,6 +137,7 @@ class SightingPins:
         self._found(pose, by)
 
     def _found(self, pose: OdometryPose, by: str) -> None:
+        self._track.graph.solve(steps=_SETTLING)
         self._track.solve()
         self.share_place()
         self._journal.enter("tracking", pose.stamp_ns, f"aligned by {by}")
@@ -131,7 +154,10 @@ class SightingPins:
             return
         turned = np.kron(np.eye(2), at.T_map_imu[:3, :3])
         ranging = Ranging(uwb, self.sightings.anchors, self.settings.ranges) if uwb is not None else None
-        engine.locate(self._track.T_map_odom(), 4.0 * turned @ at.covariance @ turned.T, ranging)
+        place = 4.0 * turned @ at.covariance @ turned.T
+        # the place was found by the tag where the rig has it
+        place[3:, 3:] += self.settings.odometry.extrinsics.tag.position_std**2 * np.eye(3)
+        engine.locate(self._track.T_map_odom(), place, ranging)
         self.sightings.shared = True
 
     def _note_ranges(self) -> None:
@@ -185,8 +211,10 @@ class SightingPins:
             least, std = s.min_prism_gate, float(np.hypot(std, np.sqrt(np.trace(way))))
             off, std = self._off_filter(sighting, pose, off, std)
         refused = {"anchor": sighting.anchor, "off_m": float(off)}
-        if pose is not None and off > max(least, s.max_innovation * std):
-            self._journal.event(sighting.stamp_ns, f"{kind}_refused", **refused)
+        # ranges that align odom fit at once, or not at all
+        if (pose is not None or sighting.anchor is not None) and off > max(least, s.max_innovation * std):
+            if pose is not None:  # events are in order of time
+                self._journal.event(sighting.stamp_ns, f"{kind}_refused", **refused)
             return
         if sighting.anchor in self._anchors_that_are["blocked"]:
             self._journal.event(sighting.stamp_ns, "range_refused", **refused, why="blocked")

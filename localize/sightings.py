@@ -6,16 +6,20 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from localize.anchoring import Alignment, align_fixes, align_ranges
+from localize.line_of_sight import SightLines
 from localize.settings import SightingSettings
 from localize.static_alignment import StaticAlignment
-from semmap.geometry import Array, interpolate_poses, se3, transform, yaw_of, yaw_rotation
+from semmap.geometry import Array, interpolate_poses, inverse, se3, transform, yaw_of, yaw_rotation
 from semmap.measurements import PrismFix, UwbRange
 from semmap.rig import Rig
 
 _NEW, _FEW = 6, 12
 """So many new sightings, or a tenth of the last ones, are worth another look; so few fixes may tell where odom lies."""
+_ALL = 10
+"""Times as many sightings are kept as the first alignment looks at: they are pinned once it is there."""
 _LATE = 5.0
 """Intervals after which a fix is the first for a while."""
 
@@ -50,13 +54,18 @@ class Sightings:
         self._waiting: deque[tuple[UwbRange | PrismFix, float]] = deque()
         self._taken_ns: dict[int | None, int] = {}
         self._poses: deque[tuple[int, Array]] = deque(maxlen=100)
-        self._kept: deque[Sighting] = deque(maxlen=settings.window)
+        self._kept: deque[Sighting] = deque(maxlen=_ALL * settings.window)
+        self._apart: deque[Sighting] = deque(maxlen=settings.window)
+        """Of those kept, one of each source in an interval."""
+        self._apart_ns: dict[int | None, int] = {}
         self._sighted, self._tried = 0, 0
         self.unknown_anchors: set[int] = set()
         self.shared = False
         """Whether the filter takes its part of ranges and fixes."""
         self._filters_last_ns: dict[int | None, int] = {}
         self._graph_had: dict[int | None, bool] = {}
+        self.sight_lines = SightLines()
+        """Rock that was seen, in the odom that sightings come in."""
 
     @property
     def anchors(self) -> dict[int, Array]:
@@ -67,7 +76,7 @@ class Sightings:
         """Take a range or fix in, or say that it is the filter's: each is counted once.
 
         What the rig has no block for, or no anchor, is left out. Readings of one source within ``interval_s`` share
-        one error: before anything is anchored one of them will do, later all are used and count as one.
+        one error: all are used and count as one. Of fixes, before anything is anchored, one of them will do.
         """
         if isinstance(measurement, UwbRange):
             if self.rig.uwb is None:
@@ -79,7 +88,7 @@ class Sightings:
             return False
         source = measurement.anchor if isinstance(measurement, UwbRange) else None
         since_s = (measurement.stamp_ns - self._taken_ns.get(source, -(1 << 62))) * 1e-9
-        if not self.shared and 0.0 <= since_s < self.settings.interval_s:
+        if source is None and not self.shared and 0.0 <= since_s < self.settings.interval_s:
             return False
         self._taken_ns[source] = measurement.stamp_ns
         if self.shared and self._is_filters_turn(source, measurement.stamp_ns):
@@ -101,8 +110,11 @@ class Sightings:
             self._filters_last_ns[anchor] = stamp_ns
         return turn
 
-    def reached(self, stamp_ns: int, T_odom_imu: Array) -> list[Sighting]:
-        """The odometry came to a pose: what was sighted until then."""
+    def reached(self, stamp_ns: int, T_odom_imu: Array, p_imu_tag: Array | None = None) -> list[Sighting]:
+        """The odometry came to a pose: what was sighted until then.
+
+        p_imu_tag : (3,) where it has found the tag to be; None takes the rig at its word.
+        """
         self._poses.append((stamp_ns, T_odom_imu))
         ready = [(m, alike) for m, alike in self._waiting if self._poses[0][0] <= m.stamp_ns <= stamp_ns]
         self._waiting = deque((m, alike) for m, alike in self._waiting if m.stamp_ns > stamp_ns)
@@ -111,15 +123,21 @@ class Sightings:
         stamps = np.array([stamp for stamp, _ in self._poses], np.int64)
         poses = np.array([pose for _, pose in self._poses])
         at = interpolate_poses(stamps, poses, np.array([m.stamp_ns for m, _ in ready], np.int64))
-        sightings = [self._sighting(m, T, alike) for (m, alike), T in zip(ready, at, strict=True)]
+        sightings = [self._sighting(m, T, alike, p_imu_tag) for (m, alike), T in zip(ready, at, strict=True)]
         self._kept.extend(sightings)
-        self._sighted += len(sightings)
+        for sighting in sightings:
+            since_s = (sighting.stamp_ns - self._apart_ns.get(sighting.anchor, -(1 << 62))) * 1e-9
+            if since_s >= self.settings.interval_s:
+                self._apart_ns[sighting.anchor] = sighting.stamp_ns
+                self._apart.append(sighting)
+                self._sighted += 1
         return sightings
 
-    def _sighting(self, m: UwbRange | PrismFix, T_odom_imu: Array, alike: float) -> Sighting:
+    def _sighting(self, m: UwbRange | PrismFix, T_odom_imu: Array, alike: float, p_imu_tag: Array | None) -> Sighting:
         if isinstance(m, UwbRange):
             assert self.rig.uwb is not None
-            tag = transform(T_odom_imu, np.array([self.rig.uwb.p_imu_tag]))[0]
+            p_imu = np.array(self.rig.uwb.p_imu_tag) if p_imu_tag is None else p_imu_tag
+            tag = transform(T_odom_imu, p_imu[None])[0]
             std = self.rig.uwb.range_std
             return Sighting(m.stamp_ns, tag, m.anchor, self._anchors[m.anchor], m.distance, std, alike)
         assert self.rig.total_station is not None
@@ -136,19 +154,47 @@ class Sightings:
 
         odometry_std : how well odometry says it knows the place in odom [m].
         """
-        if self._sighted < self._tried + max(_NEW, len(self._kept) // 10):
+        if self._sighted < self._tried + max(_NEW, len(self._apart) // 10):
             return None
         self._tried = self._sighted
         s = self.settings
-        fixes = [sighting for sighting in self._kept if sighting.anchor is None]
-        ranges = [sighting for sighting in self._kept if sighting.anchor is not None]
-        bias_std = self.rig.uwb.bias_std if self.rig.uwb is not None else 0.0
+        fixes = [sighting for sighting in self._apart if sighting.anchor is None]
+        ranges = [sighting for sighting in self._apart if sighting.anchor is not None]
         # the fewer, the less odometry has slid since: once it did, all of them never fit again
         of_fixes = (_align_fixes(fixes[-count:], R_level_odom, odometry_std) for count in (_FEW, 2 * _FEW, len(fixes)))
-        for alignment in (*of_fixes, _align_ranges(ranges, R_level_odom, bias_std)):
+        for alignment in (*of_fixes, self._align_ranges(ranges, R_level_odom)):
             if alignment and alignment.sure(yaw_std=s.align_yaw_std, position_std=s.align_position_std):
                 return alignment
         return None
+
+    def _align_ranges(self, ranges: list[Sighting], R_level_odom: Array) -> Alignment | None:
+        found = self._aligned_by(ranges, R_level_odom)
+        if found is None:
+            return None
+        seen = self.in_sight(ranges, found.T_map_level @ se3(R_level_odom, np.zeros(3)))
+        return found if len(seen) == len(ranges) else self._aligned_by(seen, R_level_odom)
+
+    def in_sight(self, sightings: list[Sighting], T_map_odom: Array) -> list[Sighting]:
+        """Those that did not come through rock, with odom at ``T_map_odom`` (4, 4): the others read too long."""
+        ranges = [sighting for sighting in sightings if sighting.anchor is not None]
+        if not ranges:
+            return sightings
+        at = transform(inverse(T_map_odom), np.array([sighting.p_map for sighting in ranges]))
+        blocked = self.sight_lines.blocked(np.array([sighting.p_odom for sighting in ranges]), at)
+        through = {id(sighting) for sighting, hit in zip(ranges, blocked, strict=True) if hit}
+        return [sighting for sighting in sightings if id(sighting) not in through]
+
+    def _aligned_by(self, ranges: list[Sighting], R_level_odom: Array) -> Alignment | None:
+        if not ranges or self.rig.uwb is None:
+            return None
+        p_odom, anchors = np.array([r.p_odom for r in ranges]), np.array([r.p_map for r in ranges])
+        distances = np.array([r.distance for r in ranges])
+
+        def hidden(tags: Array, anchors: Array) -> NDArray[np.bool_]:
+            return self.sight_lines.blocked(tags @ R_level_odom, anchors @ R_level_odom)
+
+        p_level, uwb = p_odom @ R_level_odom.T, self.rig.uwb
+        return align_ranges(p_level, anchors, distances, uwb.range_std, uwb.bias_std, hidden)
 
     def of_standing(self, since_ns: int) -> tuple[Sighting, Sighting] | None:
         """The kept fixes from a time on, during which the prism stood, as two: the first half and the rest."""
@@ -176,11 +222,3 @@ def _align_fixes(fixes: list[Sighting], R_level_odom: Array, odometry_std: float
         return None
     p_odom, p_map = np.array([f.p_odom for f in fixes]), np.array([f.p_map for f in fixes])
     return align_fixes(p_odom @ R_level_odom.T, p_map, fixes[0].std, odometry_std)
-
-
-def _align_ranges(ranges: list[Sighting], R_level_odom: Array, bias_std: float) -> Alignment | None:
-    if not ranges:
-        return None
-    p_odom, anchors = np.array([r.p_odom for r in ranges]), np.array([r.p_map for r in ranges])
-    distances = np.array([r.distance for r in ranges])
-    return align_ranges(p_odom @ R_level_odom.T, anchors, distances, ranges[0].std, bias_std)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from localize.anchoring import align_fixes, align_ranges
-from semmap.geometry import transform, yaw_rotation
+from localize.line_of_sight import SightLines
+from semmap.geometry import inverse, transform, yaw_rotation
 
 # the anchors of paper 000's experiment
 ANCHORS = np.array([[11.376, 1.694, 2.249], [16.678, 1.769, 2.247], [16.550, -1.453, 2.224], [11.510, -1.532, 0.115]])
@@ -131,3 +132,64 @@ def test_biased_ranges_are_known_to_be_worth_less():
         off = transform(found.T_map_level, middle) - transform(T, middle)
         scores.append(np.linalg.norm(off) / found.position_std)
     assert np.sqrt(np.mean(np.square(scores))) < 1.8
+
+
+ROOF = np.array([[11.4, 1.5, 3.3], [16.7, 1.4, 3.3], [16.5, -1.5, 3.3], [11.5, -1.5, 3.3]])
+
+
+def floor_and_roof(T_map_level):
+    """A drift as the LiDAR sees it, in level odom: floor at z = 0 and roof at z = 3.5 of the map."""
+    x, y = np.meshgrid(np.arange(0.0, 30.0, 0.1), np.arange(-2.5, 2.5, 0.1))
+    planes = [np.column_stack([x.ravel(), y.ravel(), np.full(x.size, z)]) for z in (0.0, 3.5)]
+    return transform(inverse(T_map_level), np.concatenate(planes))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_mirror_image_below_the_floor_is_told_by_the_rock_that_lies_between(seed):
+    """Anchors in a level plane, a level way: above or below them fits alike, but there the roof would be in the way."""
+    rng = np.random.default_rng([seed, 8])
+    s = np.linspace(0.0, 1.0, 240)
+    p = np.stack([10.0 * s, np.sin(4.0 * s), np.zeros(240)], axis=1)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = yaw_rotation(0.1), [10.0, -0.4, 1.0]
+    at = ROOF[np.arange(len(p)) % 4]
+    distances = np.linalg.norm(transform(T, p) - at, axis=1) + 0.05 * rng.normal(size=len(p))
+    assert align_ranges(p, at, distances, 0.05) is None
+    lines = SightLines()
+    lines.add(floor_and_roof(T))
+    found = align_ranges(p, at, distances, 0.05, hidden=lines.blocked)
+    assert found is not None and found.sure(yaw_std=0.03, position_std=0.2)
+    middle = p.mean(axis=0)[None]
+    assert np.linalg.norm(transform(found.T_map_level, middle) - transform(T, middle)) < 4.0 * found.position_std
+
+
+def test_place_from_which_rock_hides_the_anchors_is_not_believed():
+    rng = np.random.default_rng(9)
+    p, anchors, distances = ranges(np.eye(4), rng)
+    assert align_ranges(p, anchors, distances, 0.06, hidden=lambda tags, at: np.zeros(len(tags), bool)) is not None
+    assert align_ranges(p, anchors, distances, 0.06, hidden=lambda tags, at: np.ones(len(tags), bool)) is None
+
+
+ALONG = np.array([[15.0, 0.6, 3.1], [8.6, 1.8, 1.2], [-0.2, -0.6, 3.4], [7.4, -1.8, 1.2], [13.0, -1.9, 0.4]])
+
+
+@pytest.mark.parametrize(("count", "off", "told"), [(4, 1.0, False), (4, 5.0, False), (5, 1.0, True)])
+def test_three_anchors_are_no_proof_against_a_fourth_but_four_are_against_a_fifth(count, off, told):
+    """With one of four surveyed wrong, the other three fit at a wrong place too."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = yaw_rotation(0.02), [0.0, 0.0, 1.5]
+    surveyed = ALONG[:count]
+    wrong = surveyed + np.where(np.arange(count) == 1, off, 0.0)[:, None] * [1.0, 0.0, 0.0]
+    for seed in range(4):
+        rng = np.random.default_rng([seed, 4])
+        s = np.linspace(0.0, 22.0, 160)
+        p = np.stack([s, 0.6 * np.sin(0.2 * s), 0.02 * s], axis=1)
+        which = np.arange(len(p)) % count
+        distances = np.linalg.norm(transform(T, p) - surveyed[which], axis=1) + 0.06 * rng.normal(size=len(p))
+        assert align_ranges(p, surveyed[which], distances, 0.06) is not None
+        found = align_ranges(p, wrong[which], distances, 0.06)
+        assert (found is not None) == told
+        if found is not None:
+            middle = p.mean(axis=0)[None]
+            error = np.linalg.norm(transform(found.T_map_level, middle) - transform(T, middle))
+            assert error < 4.0 * found.position_std

@@ -7,6 +7,7 @@ import pytest
 
 from localize import lidar
 from localize.filter import ErrorStateFilter, Information, information, start_covariance
+from localize.mountings import estimated_mountings
 from localize.settings import ExtrinsicSettings, KeyframeSettings, MountingSettings, OdometrySettings
 from localize.slip import WheelFusion
 from localize.start import StartingOdometry
@@ -174,3 +175,16 @@ def test_what_a_scan_was_mapped_with_it_cannot_measure(state, rng):
     columns = lidar._COLUMNS
     J = lidar._columns_of(state)
     np.testing.assert_allclose(J.T @ filter.P[np.ix_(columns, columns)] @ J, 0.0, atol=1e-9)
+
+
+def test_mountings_are_told_as_a_rig_names_them(state, rng):
+    L = rng.normal(size=(state.dim, state.dim))
+    P = L @ L.T
+    found = estimated_mountings(state, P, ExtrinsicSettings(tag=MountingSettings(position_std=0.05), wheel=OFF))
+    assert list(found) == ["tag", "wheel"]
+    block = WheelBlock(topic="/wheel", p_imu_wheel=found["wheel"]["p"], q_imu_wheel_xyzw=found["wheel"]["q_xyzw"])
+    np.testing.assert_allclose(block.T_imu_wheel, state.T_imu_wheel, atol=1e-12)
+    np.testing.assert_allclose(found["tag"]["p"], state.T_imu_tag[:3, 3])
+    std = np.sqrt(np.diag(P)[TAG])
+    np.testing.assert_allclose([*found["tag"]["rotation_std"], *found["tag"]["p_std"]], std)
+    assert estimated_mountings(state, P, ExtrinsicSettings()) == {}

@@ -46,12 +46,14 @@ def test_a_moments_readings_count_as_one(rate_hz):
     assert counted >= 0.4 * min(2 * 10.0 / SightingSettings().interval_s, 20 * rate_hz)
 
 
-def test_before_the_place_is_known_one_reading_a_moment_is_kept():
+def test_before_the_place_is_known_all_readings_are_kept_too_and_count_as_one_a_moment():
+    """Those near the anchors, at the start, tell the most."""
     sightings = Sightings(RIG, SightingSettings(), np.zeros(3))
     for k in range(100):
         assert not sightings.add(UwbRange(k * 100_000_000, 7, 5.0))
         sightings.reached(k * 100_000_000, np.eye(4))
-    assert len(sightings.kept) == 20
+    assert len(sightings.kept) == 100
+    assert 20.0 <= sum(1.0 / sighting.alike for sighting in sightings.kept) <= 21.0
 
 
 def test_a_long_rest_does_not_end_the_search_for_the_place():

@@ -127,4 +127,5 @@ def test_mountings_are_put_off_by_what_is_said(seed: int) -> None:
     for true, moved in ((rig.lidar.T_imu_lidar, off.lidar.T_imu_lidar), (rig.wheel.T_imu_wheel, off.wheel.T_imu_wheel)):
         assert np.linalg.norm(moved[:3, 3] - true[:3, 3]) == pytest.approx(OFF_M)
         assert np.degrees(np.linalg.norm(so3_log(true[:3, :3].T @ moved[:3, :3]))) == pytest.approx(OFF_DEG)
-    assert off.uwb == rig.uwb
+    assert np.linalg.norm(np.subtract(off.uwb.p_imu_tag, rig.uwb.p_imu_tag)) == pytest.approx(OFF_M)
+    assert off.uwb.anchors == rig.uwb.anchors

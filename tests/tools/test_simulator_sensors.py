@@ -26,9 +26,11 @@ from tools.simulator import (
     default_rig,
     fly,
     load_mesh,
+    scenario,
     simulate_measurements,
     with_total_station,
     with_uwb,
+    with_uwb_along,
 )
 from tools.simulator.imu import imu_errors
 from tools.simulator.lidar import beam_directions, measured_ranges
@@ -381,3 +383,15 @@ def test_scans_agree_with_a_recording_that_another_simulator_made() -> None:
     difference = np.linalg.norm(scan.points, axis=1) - ours
     assert abs(np.median(difference)) < 2e-3
     assert 1.4826 * np.median(np.abs(difference)) == pytest.approx(block.range_std, rel=0.1)
+
+
+def test_anchors_along_a_route_are_seen_from_all_of_it_and_lie_in_no_plane() -> None:
+    mine = scenario("demo", seed=2)
+    route = mine.scenario.route_floor()
+    rig = with_uwb_along(default_rig(), mine, route, spacing=6.0, max_range=20.0)
+    anchors = np.array(list(rig.uwb.anchor_positions().values()))
+    for p in route[:: len(route) // 12] + [0.0, 0.0, 1.3]:
+        near = anchors[np.linalg.norm(anchors - p, axis=1) < 20.0]
+        seen = near[np.isinf(mine.raycaster.free_way(np.broadcast_to(p, near.shape), near))]
+        assert len(seen) >= 3
+        assert np.linalg.svd(seen - seen.mean(axis=0), compute_uv=False)[-1] > 0.3 or len(seen) == 3

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tools.simulator.measurements import simulate_measurements
     from tools.simulator.mine import Mine, dig, load_mesh, scenario
     from tools.simulator.record import Simulation, simulate
-    from tools.simulator.rigs import default_rig, with_total_station, with_uwb
+    from tools.simulator.rigs import default_rig, with_total_station, with_uwb, with_uwb_along
     from tools.simulator.roadways import MineScenario, Roadway
     from tools.simulator.route import load_route
     from tools.simulator.scenarios import SCENARIOS, plan
@@ -30,7 +30,7 @@ _HOMES = {
     "measurements": ("simulate_measurements",),
     "mine": ("Mine", "dig", "load_mesh", "scenario"),
     "record": ("Simulation", "simulate"),
-    "rigs": ("default_rig", "with_total_station", "with_uwb"),
+    "rigs": ("default_rig", "with_total_station", "with_uwb", "with_uwb_along"),
     "roadways": ("MineScenario", "Roadway"),
     "route": ("load_route",),
     "scenarios": ("SCENARIOS", "plan"),
@@ -62,6 +62,7 @@ __all__ = [
     "survey",
     "with_total_station",
     "with_uwb",
+    "with_uwb_along",
 ]
 
 

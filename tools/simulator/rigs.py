@@ -68,17 +68,46 @@ def with_uwb(rig: Rig, mine: Mine, p_map: ArrayLike, *, anchors: int = 4, max_ra
         raise RigError("has no rock near enough for the anchors", field="uwb", mend="choose a point in a roadway")
     chosen = usable[np.linspace(0, len(usable), anchors, endpoint=False).astype(int)]
     at = p + (distances[chosen] - _OFF_THE_WALL)[:, None] * directions[chosen]
-    block = UwbBlock(
+    return rig.model_copy(update={"uwb": _calibrated(at, max_range, _triple(p))})
+
+
+def with_uwb_along(
+    rig: Rig, mine: Mine, route: ArrayLike, *, spacing: float = 6.0, height: float = 1.3, max_range: float = 20.0
+) -> Rig:
+    """The rig with a calibrated UWB tag, and an anchor on the rock every ``spacing`` [m] of a ``route`` (n, 3) of floor
+    points, by turns left and right, high and low.
+
+    height : of the robot above the route [m]. max_range : of each anchor's radio [m].
+    """
+    floor = np.asarray(route, dtype=np.float64)
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(floor, axis=0), axis=1))])
+    at = np.arange(0.5 * spacing, way[-1], spacing)
+    p, ahead = (
+        np.column_stack([np.interp(at + step, way, floor[:, axis]) for axis in range(3)]) for step in (0.0, 0.5)
+    )
+    aside = np.cross([0.0, 0.0, 1.0], ahead - p)
+    aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-9)
+    k = np.arange(len(at))[:, None]
+    directions = np.where(k % 2, 1.0, -1.0) * aside + np.where(k // 2 % 2, 0.5, -0.3) * np.array([0.0, 0.0, 1.0])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    p = p + [0.0, 0.0, height]
+    distances = mine.raycaster.cast(p, directions).distances
+    met = np.flatnonzero(np.isfinite(distances) & (distances < max_range))
+    anchors = p[met] + (distances[met, None] - _OFF_THE_WALL) * directions[met]
+    return rig.model_copy(update={"uwb": _calibrated(anchors, max_range, None)})
+
+
+def _calibrated(anchors: Array, max_range: float, center: tuple[float, float, float] | None) -> UwbBlock:
+    return UwbBlock(
         topic="/uwb/range",
         rate_hz=10,
         range_std=0.06,
         bias_std=0.0,
         p_imu_tag=(0.0, 0.0, 0.25),
-        anchors={_ANCHOR_IDS + index: _triple(position) for index, position in enumerate(at)},
-        center=_triple(p),
+        anchors={_ANCHOR_IDS + index: _triple(position) for index, position in enumerate(anchors)},
+        center=center,
         max_range=max_range,
     )
-    return rig.model_copy(update={"uwb": block})
 
 
 def with_total_station(rig: Rig, position: ArrayLike) -> Rig:
