@@ -3,34 +3,36 @@
 import numpy as np
 from numba import njit
 
-from localize._numba_voxels import EMPTY, cell_key, slot_of
-
 
 @njit(cache=True)
-def cubes(points, near, size, table, cube, count, moments, thickness):
+def cubes(points, near, size, cube, count, thickness):
     """Cubes of edge ``size`` that the points (n, 3) nearer than ``near`` fall in; returns how many.
 
-    cube (n,): the number of each point's cube, -1 where it is farther off. count (n,), thickness (n,): of each cube,
-    its points and the root of their least variance. table (m, 2), m a power of two of at least 2 n, and moments (n, 9)
-    are scratch.
+    cube (n,) int32: the number of each point's cube, -1 where it is farther off. count (n,), thickness (n,): of each
+    cube, its points and the root of their least variance.
     """
-    table[:, 0] = EMPTY
+    half = np.int64(np.ceil(near / size))
+    across = 2 * half
+    number = np.full(across * across * across, -1, np.int32)
+    moments = np.empty((len(points), 9))
+    inverse_size, near2 = 1.0 / size, near * near
     used = 0
-    for i in range(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        if x * x + y * y + z * z >= near * near:
-            cube[i] = -1
+    for p in range(len(points)):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        cube[p] = -1
+        # not the other way round: what is no number is not near
+        if not x * x + y * y + z * z < near2:
             continue
-        key = cell_key(x, y, z, 1.0 / size)
-        slot = slot_of(table, key)
-        if table[slot, 0] == EMPTY:
-            table[slot, 0] = key
-            table[slot, 1] = used
-            count[used] = 0
-            moments[used] = 0.0
+        # all are positive, so that what is cut off is rounded down
+        i, j, k = int(x * inverse_size + half), int(y * inverse_size + half), int(z * inverse_size + half)
+        place = (i * across + j) * across + k
+        c = number[place]
+        if c < 0:
+            c = number[place] = used
+            count[c] = 0
+            moments[c] = 0.0
             used += 1
-        c = table[slot, 1]
-        cube[i] = c
+        cube[p] = c
         count[c] += 1
         m = moments[c]
         m[0] += x

@@ -8,6 +8,8 @@ remembered: when the dust is gone, the next scan counts whole.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +27,8 @@ _SHEET_POINTS, _SHEET_M = 15, 0.04
 """What is rock in dusty air: at 200 mg/m³ six of seven points that pass are; of sheets half as full, every second."""
 _DUSTY = 0.05
 """Share of the near returns in thick cubes beyond which the air is dusty; it is below 0.001 in clear air."""
+_PART, _FEW_OF_PART, _PERHAPS = 2, 4, 0.25 * _DUSTY
+"""Every second return is looked at first; so many have a thickness. A cube of dust that they miss is one with few."""
 
 
 class Air:
@@ -37,15 +41,17 @@ class Air:
     """
 
     def __init__(self, points: Array | NDArray[np.float32]) -> None:
-        count, thickness, cube = _cubes(np.ascontiguousarray(points, dtype=np.float64))
+        points = np.ascontiguousarray(points, dtype=np.float64)
         self.dust, self.clear = 0.0, np.ones(len(points), dtype=np.bool_)
-        if not len(count):
+        # in clear air a part of the returns tells; where there may be dust all are looked at
+        if _share(_cubes(np.ascontiguousarray(points[::_PART])), _FEW_OF_PART) < _PERHAPS:
             return
-        thick = (count >= _FEW) & (thickness > _THICK_M)
-        self.dust = float(count[thick].sum() / count.sum())
+        found = _cubes(points)
+        self.dust = _share(found, _FEW)
         if self.dust > _DUSTY:
-            near = cube >= 0
-            self.clear[near] = ((count >= _SHEET_POINTS) & (thickness < _SHEET_M))[cube[near]]
+            near = found.cube >= 0
+            rock = (found.inside >= _SHEET_POINTS) & (found.thickness < _SHEET_M)
+            self.clear[near] = rock[found.cube[near]]
 
     @property
     def dusty(self) -> bool:
@@ -53,10 +59,23 @@ class Air:
         return self.dust > _DUSTY
 
 
-def _cubes(points: Array) -> tuple[NDArray[np.int64], Array, NDArray[np.int64]]:
-    """Points (m,) and thickness (m,) [m] of each cube near the sensor, and the cube (n,) of each point, -1 if far."""
+class _Cubes(NamedTuple):
+    """Points (m,) and thickness (m,) [m] of each cube near the sensor, and the cube (n,) of each point, or -1."""
+
+    inside: NDArray[np.int64]
+    thickness: Array
+    cube: NDArray[np.int32]
+
+
+def _cubes(points: Array) -> _Cubes:
+    """The cubes that points (n, 3) fall in, near the sensor."""
     n = len(points)
-    table = np.empty((1 << max(8, int(np.ceil(np.log2(2 * max(n, 1))))), 2), np.int64)
-    cube, count, thickness = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
-    used = cubes(points, _NEAR_M, _CUBE_M, table, cube, count, np.empty((n, 9)), thickness)
-    return count[:used], thickness[:used], cube
+    cube, count, thickness = np.empty(n, np.int32), np.empty(n, np.int64), np.empty(n)
+    used = cubes(points, _NEAR_M, _CUBE_M, cube, count, thickness)
+    return _Cubes(count[:used], thickness[:used], cube)
+
+
+def _share(found: _Cubes, few: int) -> float:
+    """Share of the points that lie in cubes too thick for rock; fewer points have no thickness."""
+    thick = (found.inside >= few) & (found.thickness > _THICK_M)
+    return float(found.inside[thick].sum() / max(found.inside.sum(), 1))

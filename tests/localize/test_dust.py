@@ -76,3 +76,19 @@ def test_cubes_are_counted_as_in_numpy(rng):
         least = np.linalg.eigvalsh(np.cov(points[inside].T, bias=True))[0] if count[number] > 1 else 0.0
         np.testing.assert_allclose(thickness[number] ** 2, max(least, 0.0), atol=1e-9)
     assert len(count) == len(np.unique(keys[near], axis=0))
+
+
+@pytest.mark.parametrize("count", [1, 8, 40])
+def test_little_dust_is_found(rng, count):
+    """What of all returns is called dusty, half of them must not call clear: plumes of any size beside the rock."""
+    dusty = 0
+    for share in rng.uniform(0.04, 0.3, 40):
+        plumes = rng.uniform([-3.0, -2.0, -1.0], [3.0, 1.5, 1.0], (count, 3))
+        dust = np.repeat(plumes, int(share * 5000 / count), axis=0)
+        points = np.concatenate([wall(rng, 5000), dust + rng.uniform(-0.3, 0.3, dust.shape)])
+        found = _cubes(rng.permutation(points))
+        thick = (found.inside >= 6) & (found.thickness > 0.05)
+        whole = found.inside[thick].sum() / found.inside.sum() > 0.05
+        assert Air(points).dusty == whole
+        dusty += whole
+    assert dusty > 10
