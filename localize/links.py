@@ -38,6 +38,10 @@ class LinkCovariances:
             covariance[3:, 3:] += 2.0 * std * (u @ self._drifted @ u) * np.outer(R.T @ u, R.T @ u)
         return covariance
 
+    def blind(self, pose: OdometryPose) -> bool:
+        """Whether the scan leaves the place open in some direction."""
+        return bool(self._blind(pose))
+
     def keyframe(self, pose: OdometryPose) -> None:
         """The way goes on from here."""
         blind = self._blind(pose)

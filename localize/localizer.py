@@ -10,7 +10,7 @@ import numpy as np
 
 from localize.beside import RecognitionBeside
 from localize.breaks import BreakWatch
-from localize.frames import going_on, round_origin, shifted
+from localize.frames import going_on, in_map, round_origin, shifted
 from localize.graph import PoseGraph
 from localize.hypotheses import carried
 from localize.keyframes import Keyframe, Keyframes
@@ -23,7 +23,7 @@ from localize.ranging import Ranging
 from localize.recognition import Recognition, Verdict
 from localize.results import Event, LocalizationResult, State, Update
 from localize.settings import LocalizeSettings
-from localize.sightings import Sighting, Sightings, align_standing
+from localize.sightings import Sighting, Sightings, align_moving, align_standing
 from localize.start import StartingOdometry
 from localize.watch import ModeWatch
 from semmap.geometry import Array, inverse, rotation_between, se3, transform
@@ -178,7 +178,10 @@ class Localizer:
     def _begin_leg(self) -> None:
         """The odometry begins anew, wherever the robot is."""
         s = self.settings
-        self._odometry = StartingOdometry(self.rig, s.odometry, s.keyframes, denoise=s.denoise, prism=s.prism)
+        self._odometry = StartingOdometry(
+            self.rig, s.odometry, s.keyframes, denoise=s.denoise, prism=s.prism,
+            heading_std=s.sightings.align_yaw_std,
+        )  # fmt: skip
         self._sightings = Sightings(self.rig, self.settings.sightings, self._shift)
         self._keyframes.forget()
         self._at, self._judged = None, -1
@@ -204,6 +207,7 @@ class Localizer:
         self._note_fixes()
         self._take_sightings(pose)
         self._anchor_standing(pose)
+        self._anchor_moving(pose)
         if self._pins_dirty:
             self._solve()
             self._share_place()
@@ -339,6 +343,26 @@ class Localizer:
         for index, fix in ((min(first, newest), fixes[0]), (newest, fixes[1])):
             variance = fix.std**2 + self.settings.graph.drift_position**2
             self._graph.pin_position(index, standing.p_imu_prism, fix.p_map, variance * np.eye(3))
+        self._found(pose, by)
+
+    def _anchor_moving(self, pose: OdometryPose) -> None:
+        """A machine whose LiDAR is blind, but which the total station sees drive: the INS/total-station filter starts
+        the odometry (paper 002 II-B)."""
+        engine, moving = self._odometry.odometry, self._odometry.moving
+        if engine is None or moving is None or self._graph.anchored or not (pose.dust or self.rig.lidar is None):
+            return
+        found = moving.place(pose.stamp_ns)
+        if found is None:
+            return
+        if not pose.keyframe:
+            engine.keyframe_due = True
+            return
+        R_level_odom = rotation_between(-pose.state.g, _UP)
+        alignment, newest = align_moving(found, pose.T_odom_imu, R_level_odom), len(self._graph) - 1
+        by = "INS and fixes on the way"
+        self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, by)
+        self._graph.pin_heading(newest, found.T_map_imu, found.heading_std)
+        self._graph.pin_position(newest, moving.p_imu_prism, found.p_map_prism, found.covariance)
         self._found(pose, by)
 
     def _found(self, pose: OdometryPose, by: str) -> None:
@@ -497,10 +521,17 @@ class Localizer:
         if not self._referenced:
             self._realtime_track.append((pose.stamp_ns, T_odom_imu))
         elif self._at is not None and state == "tracking":
-            now = self._at if pose.keyframe else carried(self._at, pose.T_keyframe_imu, self._links.of(pose))
+            now = self._now(pose, self._at)
             T_map_imu, covariance = shifted(now.T_map_imu[None], self._shift)[0], now.covariance
             self._realtime_track.append((pose.stamp_ns, T_map_imu))
         return Update(pose.stamp_ns, T_odom_imu, T_map_imu, covariance, state)
+
+    def _now(self, pose: OdometryPose, at: Expected) -> Expected:
+        """Where the robot is, from the newest keyframe; where the LiDAR is blind by what IMU and fixes tell the filter:
+        from one blind keyframe to the next the graph knows little of what hangs together in it."""
+        if self.rig.total_station is not None and pose.state.T_map_odom is not None and self._links.blind(pose):
+            return Expected(*in_map(pose.state, pose.covariance))
+        return at if pose.keyframe else carried(at, pose.T_keyframe_imu, self._links.of(pose))
 
     def _set_state(self, state: State, stamp_ns: int, why: str) -> None:
         if state != self._state:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from localize.anchoring import Alignment, align_fixes, align_ranges
+from localize.moving_start import MovingPlace
 from localize.settings import SightingSettings
 from localize.static_alignment import StaticAlignment
 from semmap.geometry import Array, interpolate_poses, se3, transform, yaw_of, yaw_rotation
@@ -163,6 +164,14 @@ def align_standing(found: StaticAlignment, fix: Sighting, T_odom_imu: Array, R_l
     """The place of gravity-levelled odom for a machine that stands and knows its heading and its prism's place."""
     R = yaw_rotation(yaw_of(found.R_map_imu) - yaw_of(R_level_odom @ T_odom_imu[:3, :3]))
     return Alignment(se3(R, fix.p_map - R @ R_level_odom @ fix.p_odom), found.heading_std, fix.std)
+
+
+def align_moving(found: MovingPlace, T_odom_imu: Array, R_level_odom: Array) -> Alignment:
+    """The place of gravity-levelled odom for a machine whose pose in the map is known."""
+    R = yaw_rotation(yaw_of(found.T_map_imu[:3, :3]) - yaw_of(R_level_odom @ T_odom_imu[:3, :3]))
+    p_map = found.T_map_imu[:3, 3]
+    T_map_level = se3(R, p_map - R @ R_level_odom @ T_odom_imu[:3, 3])
+    return Alignment(T_map_level, found.heading_std, float(np.sqrt(np.trace(found.covariance) / 3.0)))
 
 
 def _mean_fix(fixes: list[Sighting]) -> Sighting:
