@@ -18,7 +18,7 @@ from localize.legs import Leg, joined, trajectory
 from localize.links import LinkCovariances
 from localize.matcher import Expected, IntersectionMatcher, Place, Sight
 from localize.odometry import OdometryPose
-from localize.prism import PrismPosition
+from localize.prism import PrismPosition, know_velocity
 from localize.ranging import Ranging
 from localize.recognition import Recognition, Verdict
 from localize.results import Event, LocalizationResult, State, Update
@@ -358,11 +358,18 @@ class Localizer:
             engine.keyframe_due = True
             return
         R_level_odom = rotation_between(-pose.state.g, _UP)
-        alignment, newest = align_moving(found, pose.T_odom_imu, R_level_odom), len(self._graph) - 1
+        T_map_level, newest = align_moving(found, pose.T_odom_imu, R_level_odom), len(self._graph) - 1
         by = "INS and fixes on the way"
-        self._anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, by)
+        self._anchor(T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, by)
         self._graph.pin_heading(newest, found.T_map_imu, found.heading_std)
         self._graph.pin_position(newest, moving.p_imu_prism, found.p_map_prism, found.covariance)
+        # the odometry has slid, and where samples are cleaned a second at a time it is further already
+        now, state = moving.place(engine.filter.stamp_ns), engine.filter.state
+        if now is not None:
+            R_level_odom = rotation_between(-state.g, _UP)
+            T_map_odom = align_moving(now, state.T_odom_imu, R_level_odom) @ se3(R_level_odom, np.zeros(3))
+            self._share(T_map_odom, 4.0 * now.covariance_imu)
+            know_velocity(engine.filter, now.v_map, 4.0 * now.covariance_v)
         self._found(pose, by)
 
     def _found(self, pose: OdometryPose, by: str) -> None:
@@ -381,8 +388,14 @@ class Localizer:
         if (uwb is None and total_station is None) or engine is None or self._at is None or self._sightings.shared:
             return
         turned = np.kron(np.eye(2), self._at.T_map_imu[:3, :3])
+        self._share(self._T_map_odom(), 4.0 * turned @ self._at.covariance @ turned.T)
+
+    def _share(self, T_map_odom: Array, covariance: Array) -> None:
+        """Tell the filter where odom lies; ``covariance`` (6, 6) of the robot's place, in the map's axes."""
+        uwb, engine = self.rig.uwb, self._odometry.odometry
+        assert engine is not None
         ranging = Ranging(uwb, self._sightings.anchors, self.settings.ranges) if uwb is not None else None
-        engine.locate(self._T_map_odom(), 4.0 * turned @ self._at.covariance @ turned.T, ranging)
+        engine.locate(T_map_odom, covariance, ranging)
         self._sightings.shared = True
 
     def _note_ranges(self) -> None:

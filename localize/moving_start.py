@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from localize.earth import Earth
 from localize.ins_start import moving_start, standing_start
-from localize.ins_total_station import ROTATION, InsState, InsTotalStationFilter
+from localize.ins_total_station import ROTATION, VELOCITY, InsState, InsTotalStationFilter
 from localize.standing import PrismRest
 from localize.static_alignment import align_static
 from semmap.geometry import Array, yaw_of
@@ -51,12 +51,17 @@ class MovingPlace:
     """Pose of the imu in the map, and how well it is known.
 
     T_map_imu : (4, 4). heading_std : [rad]. p_map_prism : (3,), covariance (3, 3) [m²] of that.
+    covariance_imu : (6, 6) of the imu's place, turned about it and moved, in the axes of the map.
+    v_map : (3,) velocity [m/s], covariance_v (3, 3) of that.
     """
 
     T_map_imu: Array
     heading_std: float
     p_map_prism: Array
     covariance: Array
+    covariance_imu: Array
+    v_map: Array
+    covariance_v: Array
 
 
 @dataclass(slots=True, eq=False)
@@ -148,7 +153,13 @@ class MovingStart:
         if best.filter.stamp_ns < stamp_ns:
             best.filter.predict(*self._until(best.filter.stamp_ns, stamp_ns))
         p_map_prism, covariance = best.filter.prism()
-        return MovingPlace(best.filter.state.T_map_imu, best.yaw_std, p_map_prism, covariance)
+        state, P = best.filter.state, best.filter.P
+        turned = np.eye(6)
+        turned[:3, :3] = state.R
+        return MovingPlace(
+            state.T_map_imu, best.yaw_std, p_map_prism, covariance, turned @ P[:6, :6] @ turned.T,
+            state.v, P[VELOCITY, VELOCITY].copy(),
+        )  # fmt: skip
 
     def _begin(self) -> None:
         """Start the filters at the end of the last rest, or on the way."""

@@ -171,3 +171,13 @@ def without_earth_rate(filter: ErrorStateFilter, earth: Earth, gyro_bias_std: fl
     horizontal = earth.rate * np.array([1.0, 1.0, 0.0])
     state.gyro_bias = state.gyro_bias - state.R.T @ state.T_map_odom[:3, :3].T @ horizontal
     filter.update(TurnOnBias(float(np.hypot(gyro_bias_std, heading_std * np.linalg.norm(horizontal)))))
+
+
+def know_velocity(filter: ErrorStateFilter, v_map: Array, covariance: Array) -> None:
+    """The velocity (3,) is known from elsewhere, with a covariance (3, 3) in map axes, whatever the filter thought."""
+    state = filter.state
+    assert state.T_map_odom is not None
+    R_odom_map = state.T_map_odom[:3, :3].T
+    state.v = R_odom_map @ v_map
+    filter.P[VELOCITY], filter.P[:, VELOCITY] = 0.0, 0.0
+    filter.P[VELOCITY, VELOCITY] = R_odom_map @ covariance @ R_odom_map.T

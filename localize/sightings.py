@@ -166,12 +166,10 @@ def align_standing(found: StaticAlignment, fix: Sighting, T_odom_imu: Array, R_l
     return Alignment(se3(R, fix.p_map - R @ R_level_odom @ fix.p_odom), found.heading_std, fix.std)
 
 
-def align_moving(found: MovingPlace, T_odom_imu: Array, R_level_odom: Array) -> Alignment:
-    """The place of gravity-levelled odom for a machine whose pose in the map is known."""
+def align_moving(found: MovingPlace, T_odom_imu: Array, R_level_odom: Array) -> Array:
+    """``T_map_level`` (4, 4) of gravity-levelled odom for a machine whose pose in the map is known."""
     R = yaw_rotation(yaw_of(found.T_map_imu[:3, :3]) - yaw_of(R_level_odom @ T_odom_imu[:3, :3]))
-    p_map = found.T_map_imu[:3, 3]
-    T_map_level = se3(R, p_map - R @ R_level_odom @ T_odom_imu[:3, 3])
-    return Alignment(T_map_level, found.heading_std, float(np.sqrt(np.trace(found.covariance) / 3.0)))
+    return se3(R, found.T_map_imu[:3, 3] - R @ R_level_odom @ T_odom_imu[:3, 3])
 
 
 def _mean_fix(fixes: list[Sighting]) -> Sighting:

@@ -8,6 +8,7 @@ filter costs. ``--drives``: see `tools.bench.roadheader_drives`. Paper 002, Tabl
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -170,6 +171,7 @@ def main() -> None:
     parser.add_argument("--drives", action="store_true", help="through the roadway, clear and dusty")
     parser.add_argument("--cases", default="", help="of the drives, by name, separated by semicolons; all by default")
     parser.add_argument("--first", type=int, default=1, help="seed of the drives")
+    parser.add_argument("--peers-python", type=Path, default=Path(sys.executable), help="of the environment with peers")
     parser.add_argument("--out", type=Path, default=Path("bench_roadheader"))
     args = parser.parse_args()
     if not (args.alignment or args.online or args.drives):
@@ -179,7 +181,7 @@ def main() -> None:
     if args.online:
         online(args.seconds)
     if args.drives:
-        run(range(args.first, args.first + args.seeds), args.out, args.cases)
+        run(range(args.first, args.first + args.seeds), args.out, args.cases, args.peers_python)
 
 
 if __name__ == "__main__":
