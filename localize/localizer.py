@@ -18,7 +18,7 @@ from localize.legs import Leg, joined, trajectory
 from localize.links import LinkCovariances
 from localize.matcher import Expected, IntersectionMatcher, Place, Sight
 from localize.odometry import OdometryPose
-from localize.prism import PrismPosition, know_velocity
+from localize.prism import PrismPosition, start_from
 from localize.ranging import Ranging
 from localize.recognition import Recognition, Verdict
 from localize.results import Event, LocalizationResult, State, Update
@@ -361,15 +361,15 @@ class Localizer:
         T_map_level, newest = align_moving(found, pose.T_odom_imu, R_level_odom), len(self._graph) - 1
         by = "INS and fixes on the way"
         self._anchor(T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, by)
-        self._graph.pin_heading(newest, found.T_map_imu, found.heading_std)
+        self._graph.pin_heading(newest, found.state.T_map_imu, found.heading_std)
         self._graph.pin_position(newest, moving.p_imu_prism, found.p_map_prism, found.covariance)
-        # the odometry has slid, and where samples are cleaned a second at a time it is further already
+        # where samples are cleaned a second at a time the odometry is further already, and has slid meanwhile
         now, state = moving.place(engine.filter.stamp_ns), engine.filter.state
         if now is not None:
             R_level_odom = rotation_between(-state.g, _UP)
             T_map_odom = align_moving(now, state.T_odom_imu, R_level_odom) @ se3(R_level_odom, np.zeros(3))
-            self._share(T_map_odom, 4.0 * now.covariance_imu)
-            know_velocity(engine.filter, now.v_map, 4.0 * now.covariance_v)
+            self._share(T_map_odom, np.zeros((6, 6)))
+            start_from(engine.filter, now.state, 4.0 * now.P)
         self._found(pose, by)
 
     def _found(self, pose: OdometryPose, by: str) -> None:

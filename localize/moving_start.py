@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from itertools import islice, takewhile
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from localize.earth import Earth
 from localize.ins_start import moving_start, standing_start
-from localize.ins_total_station import ROTATION, VELOCITY, InsState, InsTotalStationFilter
+from localize.ins_total_station import ROTATION, InsState, InsTotalStationFilter
 from localize.standing import PrismRest
 from localize.static_alignment import align_static
 from semmap.geometry import Array, yaw_of
@@ -31,6 +32,8 @@ _REST_S, _MARGIN_NS = 2.0, 1_000_000_000
 """A rest shorter than this says too little [s]; motion may have begun this long before a fix shows it."""
 _UNDER_WAY_S = 1.5
 """Fixes over this long tell the velocity of a machine that did not stand before."""
+_UNDER_WAY_M = 0.15
+"""It moves so far meanwhile. Of one that creeps the lean would be taken for acceleration, and that for a heading."""
 _FEW = 5
 _MOST_S = 60.0
 _UNLIKELY = np.log(1e-6)
@@ -40,28 +43,24 @@ _APART_RAD, _APART_SIGMAS = 0.05, 4.0
 """Filters whose headings are no farther apart are of one heading."""
 _LEAST_M = 0.5
 """So far must the prism have come."""
-_REFUSED, _LATEST = 0.3, 30
+_REFUSED, _LEAST_FIXES, _LATEST = 0.3, 12, 30
 """With more than this share of the latest fixes refused, the filter is not right either."""
-_MOST_DISTANCE2 = 6.0
-"""Fixes that are taken are off by 3 (squared, in sigmas) in the mean where all is as the rig says; here twice that."""
+_MOST_DISTANCE2 = 4.5
+"""Fixes that are taken are off by 3 (squared, in sigmas) in the mean where all is as the rig says."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MovingPlace:
-    """Pose of the imu in the map, and how well it is known.
+    """Where the imu is in the map, and how well that is known.
 
-    T_map_imu : (4, 4). heading_std : [rad]. p_map_prism : (3,), covariance (3, 3) [m²] of that.
-    covariance_imu : (6, 6) of the imu's place, turned about it and moved, in the axes of the map.
-    v_map : (3,) velocity [m/s], covariance_v (3, 3) of that.
+    state, P : of the filter, P (15, 15). heading_std : [rad]. p_map_prism : (3,), covariance (3, 3) [m²] of that.
     """
 
-    T_map_imu: Array
+    state: InsState
+    P: Array
     heading_std: float
     p_map_prism: Array
     covariance: Array
-    covariance_imu: Array
-    v_map: Array
-    covariance_v: Array
 
 
 @dataclass(slots=True, eq=False)
@@ -87,7 +86,7 @@ class _Heading:
     def fits(self) -> bool:
         """Whether the latest fixes are where they are expected."""
         used = [distance2 for distance2 in self.latest if np.isfinite(distance2)]
-        enough = len(self.latest) == _LATEST and len(used) > (1.0 - _REFUSED) * _LATEST
+        enough = len(self.latest) >= _LEAST_FIXES and len(used) > (1.0 - _REFUSED) * len(self.latest)
         return enough and float(np.mean(used)) < _MOST_DISTANCE2
 
 
@@ -150,16 +149,12 @@ class MovingStart:
         best = max(self._bank, key=lambda one: one.log_likelihood)
         if not self._sure(best):
             return None
-        if best.filter.stamp_ns < stamp_ns:
-            best.filter.predict(*self._until(best.filter.stamp_ns, stamp_ns))
-        p_map_prism, covariance = best.filter.prism()
-        state, P = best.filter.state, best.filter.P
-        turned = np.eye(6)
-        turned[:3, :3] = state.R
-        return MovingPlace(
-            state.T_map_imu, best.yaw_std, p_map_prism, covariance, turned @ P[:6, :6] @ turned.T,
-            state.v, P[VELOCITY, VELOCITY].copy(),
-        )  # fmt: skip
+        # all of them stay at the last fix
+        filter = deepcopy(best.filter)
+        if filter.stamp_ns < stamp_ns:
+            filter.predict(*self._until(filter.stamp_ns, stamp_ns))
+        p_map_prism, covariance = filter.prism()
+        return MovingPlace(filter.state, filter.P, best.yaw_std, p_map_prism, covariance)
 
     def _begin(self) -> None:
         """Start the filters at the end of the last rest, or on the way."""
@@ -193,6 +188,9 @@ class MovingStart:
         until_ns = min(self._fixes[0].stamp_ns + round(_UNDER_WAY_S * 1e9), self._samples[-1].stamp_ns)
         fixes = [fix for fix in self._fixes if fix.stamp_ns <= until_ns]
         if len(fixes) < _FEW or fixes[-1].stamp_ns - fixes[0].stamp_ns < 0.5 * _UNDER_WAY_S * 1e9:
+            return
+        if float(np.linalg.norm(fixes[-1].p_map - fixes[0].p_map)) < _UNDER_WAY_M:
+            self._fixes.popleft()
             return
         _, gyro, accel = _columns([s for s in self._samples if fixes[0].stamp_ns <= s.stamp_ns <= fixes[-1].stamp_ns])
         felt = gyro.mean(axis=0), accel.mean(axis=0)

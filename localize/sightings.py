@@ -168,8 +168,8 @@ def align_standing(found: StaticAlignment, fix: Sighting, T_odom_imu: Array, R_l
 
 def align_moving(found: MovingPlace, T_odom_imu: Array, R_level_odom: Array) -> Array:
     """``T_map_level`` (4, 4) of gravity-levelled odom for a machine whose pose in the map is known."""
-    R = yaw_rotation(yaw_of(found.T_map_imu[:3, :3]) - yaw_of(R_level_odom @ T_odom_imu[:3, :3]))
-    return se3(R, found.T_map_imu[:3, 3] - R @ R_level_odom @ T_odom_imu[:3, 3])
+    R = yaw_rotation(yaw_of(found.state.R) - yaw_of(R_level_odom @ T_odom_imu[:3, :3]))
+    return se3(R, found.state.p - R @ R_level_odom @ T_odom_imu[:3, 3])
 
 
 def _mean_fix(fixes: list[Sighting]) -> Sighting:
