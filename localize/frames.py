@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from semmap.geometry import Array, se3, yaw_of, yaw_rotation
+from localize.state import ODOM, POSITION, ROTATION, NavState
+from semmap.geometry import Array, se3, skew, yaw_of, yaw_rotation
 from semmap.intersections import SemanticMap
 from semmap.rig import Rig
 
@@ -38,3 +39,16 @@ def going_on(T_odom_last: Array, T_begin: Array) -> Array:
     R = yaw_rotation(yaw_of(T_odom_last[:3, :3]) - yaw_of(T_begin[:3, :3]))
     T: Array = se3(R, T_odom_last[:3, 3] - R @ T_begin[:3, 3])
     return T
+
+
+def in_map(state: NavState, P: Array) -> tuple[Array, Array]:
+    """``T_map_imu`` (4, 4) as a filter knows it that knows where odom lies, and its covariance (6, 6), rotation first,
+    perturbed on the right; ``P`` (dim, dim) in the order of `localize.state`."""
+    assert state.T_map_odom is not None
+    T = state.T_map_odom @ state.T_odom_imu
+    R_imu_map = T[:3, :3].T
+    J = np.zeros((6, len(P)))
+    J[:3, ROTATION], J[:3, ODOM.start : ODOM.start + 3] = np.eye(3), R_imu_map
+    J[3:, POSITION] = state.R.T
+    J[3:, ODOM] = R_imu_map @ np.hstack([-skew(T[:3, 3] - state.odom_centre), np.eye(3)])
+    return T, np.asarray(J @ P @ J.T)

@@ -73,11 +73,15 @@ class InsState:
 
 @dataclass(frozen=True, slots=True)
 class FixOutcome:
-    """What became of a fix: whether ``used``, its squared Mahalanobis distance, and how far off it was [m]."""
+    """What became of a fix: whether ``used``, its squared Mahalanobis distance, and how far off it was [m].
+
+    log_likelihood : how likely it was, less a constant; one that is refused is no less likely than the gate.
+    """
 
     used: bool
     distance2: float
     off_m: float
+    log_likelihood: float
 
 
 def error_rates(state: InsState, rate: Array, force: Array, earth: Earth, bias_time_s: float) -> Array:
@@ -211,16 +215,23 @@ class InsTotalStationFilter:
         S = H @ self.P @ H.T + noise
         distance2 = float(residual @ np.linalg.solve(S, residual))
         off_m = float(np.linalg.norm(residual))
+        likely = -0.5 * (min(distance2, self.settings.gate) + float(np.log(np.linalg.det(S / self._point_variance))))
         if distance2 > self.settings.gate:
             self.refused, self.refused_in_a_row = self.refused + 1, self.refused_in_a_row + 1
-            return FixOutcome(False, distance2, off_m)
+            return FixOutcome(False, distance2, off_m, likely)
         self.refused_in_a_row = 0
         K = np.linalg.solve(S, H @ self.P).T
         self._put(state.boxplus(K @ residual))
         # Joseph's form of Eq. 25 stays positive
         left = np.eye(DIM) - K @ H
         self.P = left @ self.P @ left.T + K @ noise @ K.T
-        return FixOutcome(True, distance2, off_m)
+        return FixOutcome(True, distance2, off_m, likely)
+
+    def prism(self) -> tuple[Array, Array]:
+        """Where the prism is in the map (3,), and the covariance (3, 3) of that [m²]."""
+        state = self.state
+        H = prism_jacobian(state, self._p_imu_prism)
+        return state.p + state.R @ self._p_imu_prism, H @ self.P @ H.T
 
     def _put(self, state: InsState) -> None:
         self._navigator.R, self._navigator.p, self._navigator.v = state.R, state.p, state.v

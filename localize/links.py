@@ -60,6 +60,10 @@ class LinkCovariances:
         told = np.sqrt(along @ pose.covariance[VELOCITY, VELOCITY] @ along)
         return along, self._since_s(pose) * max(0.0, float(values[-1] - told))
 
+    def blind(self, pose: OdometryPose) -> bool:
+        """Whether the scan leaves the place open in some direction."""
+        return bool(self._blind(pose))
+
     def keyframe(self, pose: OdometryPose) -> None:
         """The way goes on from here."""
         blind = self._blind(pose)

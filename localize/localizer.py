@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localize.breaks import BreakWatch
-from localize.frames import going_on, round_origin, shifted
+from localize.frames import going_on, in_map, round_origin, shifted
 from localize.hypotheses import carried
 from localize.intersection_pins import IntersectionPins
 from localize.journal import Journal
@@ -20,7 +20,7 @@ from localize.known import MapIntersections
 from localize.legs import joined, trajectory
 from localize.links import LinkCovariances
 from localize.loops import LoopPins
-from localize.matcher import IntersectionMatcher
+from localize.matcher import Expected, IntersectionMatcher
 from localize.mountings import estimated_mountings
 from localize.odometry import OdometryPose
 from localize.results import LocalizationResult, State, Update
@@ -163,7 +163,10 @@ class Localizer:
     def _begin_leg(self) -> None:
         """The odometry begins anew, wherever the robot is."""
         s = self.settings
-        self._odometry = StartingOdometry(self.rig, s.odometry, s.keyframes, denoise=s.denoise, prism=s.prism)
+        self._odometry = StartingOdometry(
+            self.rig, s.odometry, s.keyframes, denoise=s.denoise, prism=s.prism,
+            heading_std=s.sightings.align_yaw_std,
+        )  # fmt: skip
         self._links = LinkCovariances(s.graph, s.degeneracy.scan)
         self._keyframes.forget()
         self._breaks.begin_again()
@@ -230,12 +233,19 @@ class Localizer:
             return Update(pose.stamp_ns, T_odom_imu, None, None, state)
         if at is None or (self._referenced and state != "tracking"):
             return Update(pose.stamp_ns, T_odom_imu, None, None, state)
-        now = at if pose.keyframe else carried(at, pose.T_keyframe_imu, self._links.of(pose))
+        now = self._now(pose, at)
         T_map_imu = shifted(now.T_map_imu[None], self._shift)[0]
         self._realtime_track.append((pose.stamp_ns, T_map_imu))
         if self._own_frame:
             return Update(pose.stamp_ns, T_odom_imu, None, None, state, T_map_imu)
         return Update(pose.stamp_ns, T_odom_imu, T_map_imu, now.covariance, state)
+
+    def _now(self, pose: OdometryPose, at: Expected) -> Expected:
+        """Where the robot is, from the newest keyframe; where the LiDAR is blind by what IMU and fixes tell the filter:
+        from one blind keyframe to the next the graph knows little of what hangs together in it."""
+        if self.rig.total_station is not None and pose.state.T_map_odom is not None and self._links.blind(pose):
+            return Expected(*in_map(pose.state, pose.covariance))
+        return at if pose.keyframe else carried(at, pose.T_keyframe_imu, self._links.of(pose))
 
     def _odometry_counts(self) -> Counter[str]:
         """What the present odometry counted."""

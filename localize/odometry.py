@@ -152,7 +152,8 @@ class Odometry:
                 if self._in_time(measurement.stamp_ns, "prism"):
                     bisect.insort(self._fixes, measurement, key=lambda m: m.stamp_ns)
             case Scan() if self.rig.lidar is not None:
-                if self._in_time(measurement.end_ns, "scan"):
+                # there is but one pose at a time; all else may come at the time of the last
+                if self._in_time(measurement.end_ns - 1, "scan"):
                     bisect.insort(self._scans, measurement, key=lambda m: m.end_ns)
             case _:
                 return []
@@ -168,7 +169,7 @@ class Odometry:
         self._imu.append(sample)
 
     def _in_time(self, stamp_ns: int, what: str) -> bool:
-        if stamp_ns > self.filter.stamp_ns:
+        if stamp_ns >= self.filter.stamp_ns:
             return True
         self._count(what)
         return False

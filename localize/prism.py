@@ -14,8 +14,9 @@ import numpy as np
 
 from localize.earth import Earth
 from localize.filter import ErrorStateFilter, Information, information
+from localize.ins_total_station import InsState
 from localize.settings import PrismSettings
-from localize.state import GYRO_BIAS, ODOM, POSITION, ROTATION, VELOCITY, NavState
+from localize.state import GRAVITY, GYRO_BIAS, ODOM, POSITION, ROTATION, VELOCITY, NavState
 from semmap.geometry import Array, skew
 from semmap.measurements import PrismFix
 from semmap.rig import TotalStationBlock
@@ -171,3 +172,21 @@ def without_earth_rate(filter: ErrorStateFilter, earth: Earth, gyro_bias_std: fl
     horizontal = earth.rate * np.array([1.0, 1.0, 0.0])
     state.gyro_bias = state.gyro_bias - state.R.T @ state.T_map_odom[:3, :3].T @ horizontal
     filter.update(TurnOnBias(float(np.hypot(gyro_bias_std, heading_std * np.linalg.norm(horizontal)))))
+
+
+def start_from(filter: ErrorStateFilter, ins: InsState, P: Array) -> None:
+    """Go on from an inertial navigation in the map, whose covariance is P (15, 15) in the order of `localize.state`.
+
+    What the filter knew itself is dropped, up to where odom lies: that is as it is, all error is in the pose.
+    """
+    state = filter.state
+    assert state.T_map_odom is not None
+    R_odom_map = state.T_map_odom[:3, :3].T
+    state.R, state.v = R_odom_map @ ins.R, R_odom_map @ ins.v
+    state.gyro_bias, state.accel_bias = ins.gyro_bias.copy(), ins.accel_bias.copy()
+    state.g = -np.linalg.norm(state.g) * R_odom_map[:, 2]
+    turned = np.eye(15)
+    turned[POSITION, POSITION] = turned[VELOCITY, VELOCITY] = R_odom_map
+    anew = np.r_[:15, GRAVITY, ODOM]
+    filter.P[anew], filter.P[:, anew] = 0.0, 0.0
+    filter.P[:15, :15] = turned @ P @ turned.T

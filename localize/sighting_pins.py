@@ -10,10 +10,10 @@ from localize.anchoring import Alignment
 from localize.journal import Journal
 from localize.keyframes import Keyframe
 from localize.odometry import Odometry, OdometryPose
-from localize.prism import PrismPosition
+from localize.prism import PrismPosition, start_from
 from localize.ranging import Ranging
 from localize.settings import LocalizeSettings
-from localize.sightings import Sighting, Sightings, align_standing
+from localize.sightings import Sighting, Sightings, align_moving, align_standing
 from localize.start import StartingOdometry
 from localize.track import Track
 from localize.watch import ModeWatch
@@ -79,6 +79,7 @@ class SightingPins:
         self._note_fixes()
         self._pin_or_align(pose)
         self._anchor_standing(pose)
+        self._anchor_moving(pose)
 
     def _pin_or_align(self, pose: OdometryPose) -> None:
         sightings = self.sightings.reached(pose.stamp_ns, self._track.unmoved, pose.state.T_imu_tag[:3, 3])
@@ -112,9 +113,9 @@ class SightingPins:
     def _anchor_standing(self, pose: OdometryPose) -> None:
         """A machine that stands in sight of the total station and knows north (paper 002, static initialization)."""
         engine, standing = self._engine, self._odometry.standing
-        graph = self._track.graph
+        graph, keyframe = self._track.graph, self._track.newest
         found = standing.alignment() if standing is not None else None
-        if engine is None or standing is None or found is None or graph.anchored:
+        if engine is None or standing is None or found is None or keyframe is None or graph.anchored:
             return
         if not pose.keyframe:
             # a place to pin what is known now, however far odometry has slid meanwhile
@@ -123,9 +124,9 @@ class SightingPins:
         fixes = self.sightings.of_standing(standing.since_ns)
         if fixes is None:
             return
-        R_level_odom = rotation_between(-pose.state.g, _UP)
-        here = replace(fixes[1], p_odom=transform(pose.T_odom_imu, standing.p_imu_prism[None])[0])
-        alignment = align_standing(found, here, pose.T_odom_imu, R_level_odom)
+        R_level_odom, T_odom_imu = rotation_between(keyframe.up_odom, _UP), keyframe.T_odom_imu
+        here = replace(fixes[1], p_odom=transform(T_odom_imu, standing.p_imu_prism[None])[0])
+        alignment = align_standing(found, here, T_odom_imu, R_level_odom)
         newest, by = len(graph) - 1, "earth rate and fixes"
         self._track.anchor(alignment.T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, by)
         graph.pin_heading(newest, graph.pose(newest), found.heading_std)
@@ -134,6 +135,34 @@ class SightingPins:
         for index, fix in ((min(first, newest), fixes[0]), (newest, fixes[1])):
             variance = fix.std**2 + self.settings.graph.drift_position**2
             graph.pin_position(index, standing.p_imu_prism, fix.p_map, variance * np.eye(3))
+        self._found(pose, by)
+
+    def _anchor_moving(self, pose: OdometryPose) -> None:
+        """A machine whose LiDAR is blind, but which the total station sees drive: the INS/total-station filter starts
+        the odometry (paper 002 II-B)."""
+        engine, moving = self._engine, self._odometry.moving
+        graph, keyframe = self._track.graph, self._track.newest
+        if engine is None or moving is None or keyframe is None or graph.anchored:
+            return
+        found = moving.place(pose.stamp_ns) if pose.dust or self.rig.lidar is None else None
+        if found is None:
+            return
+        if not pose.keyframe:
+            engine.keyframe_due = True
+            return
+        R_level_odom = rotation_between(keyframe.up_odom, _UP)
+        T_map_level = align_moving(found, keyframe.T_odom_imu, R_level_odom)
+        newest, by = len(graph) - 1, "INS and fixes on the way"
+        self._track.anchor(T_map_level @ se3(R_level_odom, np.zeros(3)), pose.stamp_ns, by)
+        graph.pin_heading(newest, found.state.T_map_imu, found.heading_std)
+        graph.pin_position(newest, moving.p_imu_prism, found.p_map_prism, found.covariance)
+        # where samples are cleaned a second at a time the odometry is further already, and has slid meanwhile
+        now, state = moving.place(engine.filter.stamp_ns), engine.filter.state
+        if now is not None:
+            R_level_odom = rotation_between(-state.g, _UP)
+            T_map_odom = align_moving(now, state.T_odom_imu, R_level_odom) @ se3(R_level_odom, np.zeros(3))
+            self._share(engine, T_map_odom, np.zeros((6, 6)))
+            start_from(engine.filter, now.state, 4.0 * now.P)
         self._found(pose, by)
 
     def _found(self, pose: OdometryPose, by: str) -> None:
@@ -153,11 +182,16 @@ class SightingPins:
         if (uwb is None and total_station is None) or engine is None or at is None or self.sightings.shared:
             return
         turned = np.kron(np.eye(2), at.T_map_imu[:3, :3])
-        ranging = Ranging(uwb, self.sightings.anchors, self.settings.ranges) if uwb is not None else None
         place = 4.0 * turned @ at.covariance @ turned.T
         # the place was found by the tag where the rig has it
         place[3:, 3:] += self.settings.odometry.extrinsics.tag.position_std**2 * np.eye(3)
-        engine.locate(self._track.T_map_odom(), place, ranging)
+        self._share(engine, self._track.T_map_odom(), place)
+
+    def _share(self, engine: Odometry, T_map_odom: Array, covariance: Array) -> None:
+        """Tell the filter where odom lies; ``covariance`` (6, 6) of the robot's place, in the map's axes."""
+        uwb = self.rig.uwb
+        ranging = Ranging(uwb, self.sightings.anchors, self.settings.ranges) if uwb is not None else None
+        engine.locate(T_map_odom, covariance, ranging)
         self.sightings.shared = True
 
     def _note_ranges(self) -> None:

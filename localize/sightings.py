@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from localize.anchoring import Alignment, align_fixes, align_ranges
 from localize.line_of_sight import SightLines
+from localize.moving_start import MovingPlace
 from localize.settings import SightingSettings
 from localize.static_alignment import StaticAlignment
 from semmap.geometry import Array, interpolate_poses, inverse, se3, transform, yaw_of, yaw_rotation
@@ -209,6 +210,12 @@ def align_standing(found: StaticAlignment, fix: Sighting, T_odom_imu: Array, R_l
     """The place of gravity-levelled odom for a machine that stands and knows its heading and its prism's place."""
     R = yaw_rotation(yaw_of(found.R_map_imu) - yaw_of(R_level_odom @ T_odom_imu[:3, :3]))
     return Alignment(se3(R, fix.p_map - R @ R_level_odom @ fix.p_odom), found.heading_std, fix.std)
+
+
+def align_moving(found: MovingPlace, T_odom_imu: Array, R_level_odom: Array) -> Array:
+    """``T_map_level`` (4, 4) of gravity-levelled odom for a machine whose pose in the map is known."""
+    R = yaw_rotation(yaw_of(found.state.R) - yaw_of(R_level_odom @ T_odom_imu[:3, :3]))
+    return se3(R, found.state.p - R @ R_level_odom @ T_odom_imu[:3, 3])
 
 
 def _mean_fix(fixes: list[Sighting]) -> Sighting:

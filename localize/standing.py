@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,24 +24,55 @@ _HEADING_STD = 0.03
 """Gyroscopes that would know north no better than this are not asked [rad]."""
 
 
+@dataclass(slots=True)
+class PrismRest:
+    """Tells by the fixes whether the prism stands.
+
+    since_ns, last_ns : of the fixes of the present rest. count, mean : how many they are, and where (3,).
+    """
+
+    point_std: float
+    since_ns: int = 0
+    last_ns: int = 0
+    count: int = 0
+    mean: Array = field(default_factory=lambda: np.zeros(3))
+    _away: int = 0
+
+    def add(self, fix: PrismFix) -> bool:
+        """Take a fix; whether a rest is over: the prism is elsewhere, and this is the first fix of another."""
+        elsewhere = self.count > 0 and float(np.linalg.norm(fix.p_map - self.mean)) > _STANDS_SIGMAS * self.point_std
+        self._away = self._away + 1 if elsewhere else 0
+        if elsewhere and self._away < _MOVED:
+            return False
+        if elsewhere or not self.count:
+            self.since_ns, self.count, self._away, self.mean = fix.stamp_ns, 0, 0, np.zeros(3)
+        self.count += 1
+        self.mean = self.mean + (fix.p_map - self.mean) / self.count
+        self.last_ns = fix.stamp_ns
+        return elsewhere
+
+    def copy(self) -> PrismRest:
+        """One that stays as it is."""
+        return replace(self)
+
+
 class Standing:
     """Keeps the IMU's samples while the prism stands; `alignment` is the attitude they tell.
 
     It wants them as they were read: with all of the stretch at hand, the engines' tones come out much cleaner than of a
     window that moves along.
-
-    Attributes
-    ----------
-    since_ns : since when the prism stands.
     """
 
     def __init__(self, rig: Rig, station: TotalStationBlock, earth: Earth, denoise: DenoiseSettings) -> None:
         self.imu, self.station, self.earth, self.denoise = rig.imu, station, earth, denoise
-        self.since_ns = 0
+        self._rest = PrismRest(station.point_std)
         self._samples: deque[ImuSample] = deque()
-        self._count, self._away, self._mean = 0, 0, np.zeros(3)
-        self._last_ns = 0
         self._found: StaticAlignment | None = None
+
+    @property
+    def since_ns(self) -> int:
+        """Since when the prism stands."""
+        return self._rest.since_ns
 
     @property
     def p_imu_prism(self) -> Array:
@@ -58,16 +90,8 @@ class Standing:
 
     def add_fix(self, fix: PrismFix) -> None:
         """The prism was seen; elsewhere than before means that the machine moved."""
-        limit_m = _STANDS_SIGMAS * self.station.point_std
-        elsewhere = self._count > 0 and float(np.linalg.norm(fix.p_map - self._mean)) > limit_m
-        self._away = self._away + 1 if elsewhere else 0
-        if elsewhere and self._away < _MOVED:
-            return
-        if elsewhere or not self._count:
-            self.since_ns, self._count, self._away, self._mean, self._found = fix.stamp_ns, 0, 0, np.zeros(3), None
-        self._count += 1
-        self._mean = self._mean + (fix.p_map - self._mean) / self._count
-        self._last_ns = fix.stamp_ns
+        if self._rest.add(fix):
+            self._found = None
 
     def add_sample(self, sample: ImuSample) -> None:
         """The IMU was read."""
@@ -79,7 +103,7 @@ class Standing:
         """Attitude in the map by gravity and the earth's rate; None where it has not stood for long enough."""
         if self._found is not None:
             return self._found
-        begin_ns, end_ns = self.since_ns + _MARGIN_NS, self._last_ns - _MARGIN_NS
+        begin_ns, end_ns = self._rest.since_ns + _MARGIN_NS, self._rest.last_ns - _MARGIN_NS
         if end_ns - begin_ns < _LEAST_S * 1e9:
             return None
         still = [sample for sample in self._samples if begin_ns <= sample.stamp_ns <= end_ns]

@@ -13,6 +13,7 @@ from localize.dust import Air
 from localize.earth import Earth
 from localize.filter import ErrorStateFilter, start_covariance
 from localize.first_motion import first_velocity
+from localize.moving_start import MovingStart
 from localize.odometry import Odometry, OdometryPose
 from localize.rest import MOVED_M, still_seconds
 from localize.settings import DenoiseSettings, KeyframeSettings, OdometrySettings, PrismSettings
@@ -44,11 +45,13 @@ class StartingOdometry:
         *,
         denoise: DenoiseSettings | None = None,
         prism: PrismSettings | None = None,
+        heading_std: float = 0.03,
     ) -> None:
         self.rig, self.settings, self.keyframes = rig, settings, keyframes
         self.prism = prism or PrismSettings()
         denoise = denoise or DenoiseSettings()
         self.earth, self.standing = Earth.of(rig.earth), Standing.of(rig, denoise)
+        self.moving = MovingStart.of(rig, heading_std)
         self._denoiser = _denoiser(denoise) if rig.imu.engines else None
         self.odometry: Odometry | None = None
         self._held: list[Measurement] = []
@@ -60,8 +63,10 @@ class StartingOdometry:
 
         Where engines shake the IMU, its samples are cleaned first: poses come later by the filter's ``latency_s``.
         """
-        if isinstance(measurement, PrismFix) and self.standing is not None:
-            self.standing.add_fix(measurement)
+        if isinstance(measurement, PrismFix):
+            for one in (self.standing, self.moving):
+                if one is not None:
+                    one.add_fix(measurement)
         if not isinstance(measurement, ImuSample):
             return self._add(measurement)
         if self.standing is not None:
@@ -71,6 +76,8 @@ class StartingOdometry:
         return [pose for sample in self._denoiser.add(measurement) for pose in self._add(sample)]
 
     def _add(self, measurement: Measurement) -> list[OdometryPose]:
+        if isinstance(measurement, ImuSample) and self.moving is not None:
+            self.moving.add_sample(measurement)
         if self.odometry is not None:
             return self.odometry.add(measurement)
         self._held.append(measurement)

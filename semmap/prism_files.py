@@ -55,7 +55,7 @@ def read_prism_file(path: str | Path) -> tuple[PrismFix, ...]:
 def _csv(path: Path, lines: list[str]) -> Iterator[Fix]:
     reader = csv.DictReader(lines, skipinitialspace=True)
     reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or []]
-    clock = "time" if "time" in reader.fieldnames else "stamp"
+    clock = "stamp" if "stamp" in reader.fieldnames and "time" not in reader.fieldnames else "time"
     missing = [name for name in (clock, "x", "y", "z") if name not in reader.fieldnames]
     if missing:
         what = f"has no column {missing[0]}"

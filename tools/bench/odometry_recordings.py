@@ -160,7 +160,7 @@ def recorded(
     if not directory.exists():
         mine = load_mesh(mesh) if mesh is not None else dig(mine_of(plan, seed))
         flight = _flight(mine, None if route is None else load_route(route), plan, metres, seed)
-        _simulate(flight, directory, about, progress)
+        simulate(flight, directory, about, progress)
     return Recorded.open(directory)
 
 
@@ -191,8 +191,8 @@ def _reached_s(flight: Flight, metres: float) -> float:
     return float(t[min(int(np.searchsorted(flown, metres)) + 2, len(t) - 1)])
 
 
-def _simulate(flight: Flight, directory: Path, about: dict[str, object], progress: Progress) -> None:
-    """Write the flight's IMU, scans and truth."""
+def simulate(flight: Flight, directory: Path, about: dict[str, object], progress: Progress) -> None:
+    """Write the flight's IMU, scans and truth, and what the recording is ``about``."""
     block = flight.rig.lidar
     assert block is not None
     directions = beam_directions(block).transpose(1, 0, 2)

@@ -1,13 +1,15 @@
 """A roadheader with its oil pumps on: what vibration does to the alignment at rest, and what the enhancement leaves.
 
 Run it as ``python -m tools.bench.roadheader --alignment``; it takes a minute or two. ``--online``: what the online
-filter costs. ``--drives``: see `tools.bench.roadheader_drives`. Paper 002, Tables 1 and 2: heading
-177.67 degrees without vibration, 177.29 with, 177.60 enhanced, 81.57 % of the error removed.
+filter costs. ``--mechanization``: what coning and sculling are worth. ``--drives``: see
+`tools.bench.roadheader_drives`. Paper 002, Tables 1 and 2: heading 177.67 degrees without vibration, 177.29 with,
+177.60 enhanced, 81.57 % of the error removed.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +27,7 @@ from semmap.geometry import Array, so3_exp, so3_log, yaw_of
 from semmap.measurements import ImuSample
 from semmap.rig import ImuBlock
 from tools.bench.roadheader_drives import run
+from tools.bench.roadheader_mechanization import mechanization
 from tools.simulator.imu import imu_errors
 from tools.simulator.roadheader import CONSUMER, TACTICAL
 from tools.simulator.roadheader import EARTH as MINE
@@ -165,21 +168,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--alignment", action="store_true", help="static alignment under vibration")
     parser.add_argument("--online", action="store_true", help="cost and latency of the online vibration filter")
+    parser.add_argument(
+        "--mechanization", action="store_true", help="the filter's propagation beside coning and sculling"
+    )
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the stretch at rest")
     parser.add_argument("--drives", action="store_true", help="through the roadway, clear and dusty")
     parser.add_argument("--cases", default="", help="of the drives, by name, separated by semicolons; all by default")
     parser.add_argument("--first", type=int, default=1, help="seed of the drives")
+    parser.add_argument("--peers-python", type=Path, default=Path(sys.executable), help="of the environment with peers")
     parser.add_argument("--out", type=Path, default=Path("bench_roadheader"))
     args = parser.parse_args()
-    if not (args.alignment or args.online or args.drives):
-        parser.error("say what to run: --alignment, --online, --drives")
+    if not (args.alignment or args.online or args.drives or args.mechanization):
+        parser.error("say what to run: --alignment, --online, --mechanization, --drives")
     if args.alignment:
         alignment(args.seeds, args.seconds)
     if args.online:
         online(args.seconds)
+    if args.mechanization:
+        mechanization(args.seeds, args.seconds)
     if args.drives:
-        run(range(args.first, args.first + args.seeds), args.out, args.cases)
+        run(range(args.first, args.first + args.seeds), args.out, args.cases, args.peers_python)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,9 @@ from semmap.geometry import Array, inverse, so3_log
 from semmap.measurements import Measurement, PrismFix, Scan
 from semmap.rig import Rig
 from semmap.trajectory import Trajectory
+from tools.bench.peers import PEERS
 from tools.bench.roadheader_ins import ins_track
+from tools.bench.roadheader_peers import peer_track
 from tools.run import stream, timing
 from tools.simulator import SensorFaults, SimulationSettings, fly, scenario
 from tools.simulator.flight import EPOCH_NS, Flight
@@ -36,7 +38,7 @@ SYSTEMS: dict[str, tuple[str, ...]] = {
 }
 """Ours whole, and what is left out."""
 INS = "INS and total station"
-"""The filter of paper 002 II-B by itself, see `roadheader_ins`."""
+"""The filter of paper 002 II-B by itself, see `roadheader_ins`; the others are peers, see `roadheader_peers`."""
 HIDDEN_S = (95.0, 125.0)
 """When the prism is out of sight, where it is: driving, turning and reversing, in seconds of the drive."""
 STARTED_S = 29.0
@@ -64,10 +66,16 @@ class Case:
 CASES = (
     Case("tactical", 0.0),
     Case("tactical", 0.0, "without prism"),
+    Case("tactical", 0.0, "rko-lio:mine"),
+    Case("tactical", 0.0, "genz-lio:mine"),
+    Case("tactical", 0.0, "dlio:mine"),
     Case("tactical", 0.0, "without enhancement"),
     Case("tactical", 200.0),
     Case("tactical", 200.0, hidden=True),
     Case("tactical", 200.0, "without prism"),
+    Case("tactical", 200.0, "rko-lio:mine"),
+    Case("tactical", 200.0, "genz-lio:mine"),
+    Case("tactical", 200.0, "dlio:mine"),
     Case("tactical", 200.0, "without enhancement"),
     Case("tactical", 200.0, INS),
     Case("tactical", 200.0, INS, hidden=True),
@@ -115,7 +123,7 @@ class Drive:
     ms: float = np.nan
 
 
-def drives(seeds: Sequence[int], cases: Sequence[Case], out: Path) -> Iterator[Drive]:
+def drives(seeds: Sequence[int], cases: Sequence[Case], out: Path, peers_python: Path) -> Iterator[Drive]:
     """Every case of every seed, from ``drives.jsonl`` where it is there, else driven now."""
     out.mkdir(parents=True, exist_ok=True)
     file = out / "drives.jsonl"
@@ -128,7 +136,12 @@ def drives(seeds: Sequence[int], cases: Sequence[Case], out: Path) -> Iterator[D
                 if recording is None or recording[0] != key:
                     flight = roadheader_flight(case.imu, seed, SensorFaults(dust=case.dust))
                     recording = key, flight, list(simulate_measurements(flight))
-                done = driven(case, seed, recording[1], recording[2])
+                if case.system.split(":")[0] in PEERS:
+                    directory = out / f"{case.imu}-{case.dust:g}-{seed}"
+                    track = peer_track(case.system, recording[1], directory, peers_python)
+                    done = unplaced(case, seed, track, recording[1].truth())
+                else:
+                    done = driven(case, seed, recording[1], recording[2])
                 known[str(case), seed] = done
                 with file.open("a") as lines:
                     lines.write(json.dumps(asdict(done)) + "\n")
@@ -160,14 +173,28 @@ def driven(case: Case, seed: int, flight: Flight, measurements: Sequence[Measure
 
 def _by_ins(case: Case, seed: int, flight: Flight, measurements: Sequence[Measurement]) -> Drive:
     track = ins_track(flight.rig, measurements, EPOCH_NS + round(STARTED_S * 1e9))
-    at = _Errors.of(track, flight.truth())
+    return _of_errors(case, seed, _Errors.of(track, flight.truth()))
+
+
+def unplaced(case: Case, seed: int, odometry: Trajectory, truth: Trajectory) -> Drive:
+    """The figures of an odometry that is put onto the truth where the machine is about to move."""
+    began_ns = EPOCH_NS + round(STARTED_S * 1e9)
+    if not len(odometry) or odometry.stamps_ns[-1] <= began_ns:
+        return Drive(str(case), seed)
+    placed = _started(odometry, truth)
+    moving = placed.stamps_ns >= began_ns
+    return _of_errors(case, seed, _Errors.of(Trajectory("map", placed.stamps_ns[moving], placed.poses[moving]), truth))
+
+
+def _of_errors(case: Case, seed: int, at: _Errors) -> Drive:
     roll, pitch, yaw = np.sqrt(np.mean(at.turn_deg**2, axis=0)).tolist()
     hidden = (at.t >= HIDDEN_S[0]) & (at.t < HIDDEN_S[1])
+    off = at.off[hidden] if hidden.any() else np.full((1, 3), np.nan)
     return Drive(
         str(case), seed, rms=_rms(at.off), z_rms=_rms(at.off[:, 2:]), z_max=float(np.abs(at.off[:, 2]).max()),
         roll=roll, pitch=pitch, yaw=yaw, start_yaw=float(at.turn_deg[0, 2]),
-        after_hidden=float(np.linalg.norm(at.off[hidden][-1])),
-        most_hidden=float(np.linalg.norm(at.off[hidden], axis=1).max()), known_from_s=float(at.t[0]),
+        after_hidden=float(np.linalg.norm(off[-1])), most_hidden=float(np.linalg.norm(off, axis=1).max()),
+        known_from_s=float(at.t[0]),
     )  # fmt: skip
 
 
@@ -296,13 +323,13 @@ def _column(found: Sequence[Drive], name: str) -> Array:
     return values[np.isfinite(values)]
 
 
-def run(seeds: Sequence[int], out: Path, wanted: str) -> None:
+def run(seeds: Sequence[int], out: Path, wanted: str, peers_python: Path) -> None:
     """Drive the ``wanted`` cases, by name and separated by semicolons (all by default), and print the table."""
     words = [word.strip() for word in wanted.split(";") if word.strip()]
     cases = [case for case in CASES if not words or str(case) in words]
     console = Console(width=220)
     done = []
-    for drive in drives(seeds, cases, out):
+    for drive in drives(seeds, cases, out, peers_python):
         console.print(f"{drive.case}, seed {drive.seed}: {1e3 * drive.rms:.1f} mm", markup=False)
         done.append(drive)
     console.print(table(done))
