@@ -34,8 +34,9 @@ CHECK_S = 3.0
 CLOUD_POINTS = 1500
 
 
-def made_up_run(folder: Path, map_file: Path, semantic_map: SemanticMap, seconds: float) -> Path:
+def made_up_run(folder: Path, map_file: Path, seconds: float) -> Path:
     """Files of a run of so many seconds along the rows of the made-up mine, with its truth."""
+    semantic_map = database.load(map_file)
     out, rng = folder / "run", np.random.default_rng(0)
     stamps = np.arange(round(seconds * RATE_HZ), dtype=np.int64) * (10**9 // RATE_HZ)
     truth = _way(len(stamps), round(len(semantic_map) ** 0.5))
@@ -141,7 +142,7 @@ def main() -> None:
         semantic_map = made_up_map(round(wanted.intersections**0.5), wanted.points)
         database.save(semantic_map, folder / "mine.h5")
         if wanted.minutes > 0.0:
-            _report(folder, "run", made_up_run(folder, folder / "mine.h5", semantic_map, 60.0 * wanted.minutes))
+            _report(folder, "run", made_up_run(folder, folder / "mine.h5", 60.0 * wanted.minutes))
         _report(folder, "database", folder / "mine.h5")
 
 

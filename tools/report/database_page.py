@@ -22,7 +22,7 @@ from tools.report.pack import Blobs, Clouds, numbers, thinned
 from tools.report.page import facts, folded, note, page, place, section, table
 from tools.report.plan_data import WALL_POINTS, marks, plan_data, plan_origin
 
-CHARACTERS = 22_000_000
+CHARACTERS = 21_500_000
 """Of a page's arrays, at the most: what clouds may take is what the rest leaves of it."""
 _CLOUD_POINTS = (100, 6000)
 """Points of a cloud, at least and at the most."""

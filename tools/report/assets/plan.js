@@ -233,8 +233,8 @@ class PlanView {
       context.fillStyle = colours.kinds[kind[k]] ?? colours.faint;
       context.fill(shape);
       context.restore();
-      if (this.ringed.has(k)) this.ring(context, px, py, 11, colours.proven, 2);
-      if (this.anchors.has(k)) this.ring(context, px, py, 14, colours.anchor, 3);
+      if (this.ringed.has(k)) this.ring(context, px, py, 11 * size, colours.proven, 2);
+      if (this.anchors.has(k)) this.ring(context, px, py, 14 * size, colours.anchor, 3 * size);
       if (k === this.selected) this.ring(context, px, py, 17, colours.ink, 2.5);
       else if (k === this.hovered) this.ring(context, px, py, 17, colours.faint, 2);
     }
