@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from semmap.trajectory import Trajectory
 from tools import metrics
 from tools.bench.coal_runs import OURS, placed
-from tools.report.figures import BLUE, FAINT, GREEN, INK, ORANGE, PINK, RED, SKY, YELLOW, look
+from tools.report.colours import BLUE, FAINT, GREEN, INK, ORANGE, PINK, RED, SKY, YELLOW
+from tools.report.figures import look
 from tools.report.uncertainty import read_uncertainties
 
 _COLOURS = dict(zip(OURS, (GREEN, RED, SKY, ORANGE, BLUE, PINK), strict=True))

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from semmap.geometry import Array
 from tools.bench.measured import Measured, best_variant, own_and_other
-from tools.report.figures import BLUE, GREEN, ORANGE, PINK, RED, look
+from tools.report.colours import BLUE, GREEN, ORANGE, PINK, RED
+from tools.report.figures import look
 
 _DPI = 130
 
