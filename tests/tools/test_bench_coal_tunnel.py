@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from localize.results import Uncertainty
 from semmap.errors import SettingsError
 from semmap.geometry import inverse, se3, so3_exp, so3_log
 from semmap.trajectory import Trajectory
@@ -19,6 +20,7 @@ from tools.bench.coal_figures import figures
 from tools.bench.coal_runs import FAULTS, OURS, accuracy, outer_alignment
 from tools.bench.coal_tunnel import Drive, errors_table, fault_table, known_systems, verdicts
 from tools.metrics import associate
+from tools.run import uncertainty_csv
 from tools.simulator import SensorFaults
 from tools.simulator.coal_tunnel import coal_rig
 
@@ -70,9 +72,9 @@ def run(tmp_path: Path) -> Path:
         {"stamp_ns": 2_000_000_000, "kind": "degenerate", "of": "rotation", "axis_imu": [1.0, 0.0, 0.0]},
     ]
     (tmp_path / "semmap" / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
-    names = [f"{frame}_{axes}" for frame in ("odom", "map") for axes in ("xx", "xy", "xz", "yy", "yz", "zz")]
-    lines = [f"{0.1 * i:.9f},LIU,{','.join(['0.01'] * 12)}" for i in range(2500)]
-    (tmp_path / "semmap" / "uncertainty.csv").write_text("\n".join([f"stamp,mode,{','.join(names)}", *lines]) + "\n")
+    known = (False, 0.01, 0.01, 0.001, np.full(3, 1e-3), 0.01 * np.eye(3), 0.01 * np.eye(3))
+    rows = [Uncertainty(100_000_000 * i, "LIU", *known) for i in range(2500)]
+    (tmp_path / "semmap" / "uncertainty.csv").write_text(uncertainty_csv(rows))
     return tmp_path / "semmap"
 
 
