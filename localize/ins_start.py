@@ -9,14 +9,14 @@ import numpy as np
 from localize.earth import Earth
 from localize.ins_total_station import ACCEL_BIAS, DIM, GYRO_BIAS, POSITION, ROTATION, VELOCITY, InsState
 from localize.static_alignment import StaticAlignment
-from semmap.geometry import Array, rotation_between, skew, yaw_rotation
+from semmap.geometry import Array, rotation_between, skew, so3_exp, yaw_rotation
 from semmap.measurements import PrismFix
 from semmap.rig import ImuBlock, TotalStationBlock
 
 _SHAKE_STD = 0.005
 """Of the velocity of a machine at rest with its engines on [m/s]."""
 _SURE_HEADING = 0.1
-_LEAN_STD, _SPEED_STD = 0.02, 0.05
+_LEAN_STD, _SPEED_STD = 0.002, 0.05
 """Of what fixes on the way tell of the vertical [rad] and the velocity [m/s], beside their own noise."""
 
 
@@ -68,20 +68,23 @@ def moving_start(
     """
     t = np.array([(fix.stamp_ns - fixes[-1].stamp_ns) * 1e-9 for fix in fixes])
     half_a, v, p = np.polyfit(t, np.array([fix.p_map for fix in fixes]), 2)
-    from_heading, lever = yaw_rotation(heading), np.array(station.p_imu_prism)
+    from_heading, lever, span_s = yaw_rotation(heading), np.array(station.p_imu_prism), -t[0]
     up = 2.0 * half_a + np.array([0.0, 0.0, earth.gravity])
-    R = from_heading @ rotation_between(accel, from_heading.T @ up)
+    # felt in the mean over the fixes, that is at their middle
+    R = from_heading @ rotation_between(accel, from_heading.T @ up) @ so3_exp(0.5 * span_s * gyro)
     state = InsState(R, p - R @ lever, v - R @ np.cross(gyro, lever), np.zeros(3), np.zeros(3))
-    span_s = -t[0]
     # of a parabola through evenly spaced points, at its end
     p_std, v_std, a_std = station.point_std * np.array([3.0, 14.0 / span_s, 27.0 / span_s**2]) / np.sqrt(len(t))
-    lean_std = np.hypot(_LEAN_STD, np.hypot(a_std, imu.accel_bias_std) / earth.gravity)
-    rotation = np.hstack([heading_std * R[2][:, None], lean_std * R[:2].T])
-    first = np.zeros((DIM, 3))
+    lean_std = np.sqrt(_LEAN_STD**2 + (a_std / earth.gravity) ** 2 + (0.5 * span_s * imu.gyro_bias_std) ** 2)
+    # a lean that the accelerometer's bias makes is none of the force: it must not be taken for one in another heading
+    rotation = np.hstack([
+        heading_std * R[2][:, None], imu.accel_bias_std * skew(R[2]) / earth.gravity, lean_std * R[:2].T,
+    ])  # fmt: skip
+    first = np.zeros((DIM, 6))
     first[ROTATION], first[POSITION] = rotation, R @ skew(lever) @ rotation
+    first[ACCEL_BIAS, 1:4] = imu.accel_bias_std * np.eye(3)
     P = first @ first.T
     P[POSITION, POSITION] += p_std**2 * np.eye(3)
     P[VELOCITY, VELOCITY] += np.hypot(_SPEED_STD, v_std) ** 2 * np.eye(3)
     P[GYRO_BIAS, GYRO_BIAS] += (imu.gyro_bias_std**2 + float(np.sum(earth.rate[:2] ** 2))) * np.eye(3)
-    P[ACCEL_BIAS, ACCEL_BIAS] += imu.accel_bias_std**2 * np.eye(3)
     return state, P

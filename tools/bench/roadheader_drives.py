@@ -35,6 +35,7 @@ SYSTEMS: dict[str, tuple[str, ...]] = {
     "semmap": (),
     "without enhancement": ("inertial-enhancement",),
     "without prism": ("prism",),
+    "without LiDAR": ("lidar",),
 }
 """Ours whole, and what is left out."""
 INS = "INS and total station"
@@ -86,6 +87,7 @@ CASES = (
     Case("consumer", 0.0, "without enhancement"),
     Case("consumer", 200.0),
     Case("consumer", 200.0, hidden=True),
+    Case("consumer", 200.0, "without LiDAR"),
     Case("consumer", 200.0, "without prism"),
     Case("consumer", 200.0, "without enhancement"),
 )
