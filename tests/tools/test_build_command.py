@@ -123,6 +123,8 @@ def slowed(step: tuple[str, str], maps: list[Path], out: Path, *options: str) ->
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # a suite in the background of a script has interrupts ignored, and its children with it
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 

@@ -125,7 +125,9 @@ def test_main_exits_with_the_status() -> None:
 
 def test_ctrl_c_ends_quietly_with_130(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tools.cli", "simulate", "demo", "--out", str(tmp_path / "out")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    # a suite in the background of a script has interrupts ignored, and its children with it
+    heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **heard) as process:
         while not list(tmp_path.glob(".out.*")) and process.poll() is None:  # the work has begun
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
