@@ -37,6 +37,7 @@ _LEARNT_READINGS = 10
 _FITTING_READINGS = 5
 _SAME_SIGMAS = 2.0
 _FIT_SIGMAS = 3.0
+_SURE_SIGMAS = 5.0
 _LONGEST_NS = 30_000_000_000
 """What lasts longer is no slip: it is the wheel's scale, or the filter that is wrong."""
 
@@ -176,7 +177,8 @@ class WheelFusion:
         if told and apart < _SAME_SIGMAS * std:
             self._end(stamp_ns, self._grip, filter)
         elif lasts:
-            self._end(stamp_ns, scale, filter)
+            # another scale for good must be sure: the one of before was learnt over a long way
+            self._end(stamp_ns, self._grip if apart < _SURE_SIGMAS * std else scale, filter)
 
     def _end(self, stamp_ns: int, scale: Scale, filter: ErrorStateFilter) -> None:
         self.slipping, self._heard, self._grip = False, True, scale

@@ -88,3 +88,16 @@ def test_sums_of_chance_stay_low_and_shifts_are_told():
     for sign in (1.0, -1.0):
         shifted = Cusum()
         assert any(shifted.add(sign * 3.0 + z) for z in rng.normal(size=5))
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_short_slips_where_the_imu_alone_holds_the_speed_do_not_become_the_scale(seed):
+    """Their end may pass unseen, and what is learnt then is the IMU's drift: over a kilometre it was 250 m."""
+
+    def slip(t):
+        return 0.16 * (t > 25.0 and (t - 25.0) % 20.0 < 0.7)
+
+    _, off, end = along(drive(seed, 100.0, speed=lambda t: SLOW, slip=slip, seen=lambda t: t < 20))
+    assert any(change.slipping for change in end.wheel.changes) and not end.wheel.slipping
+    assert end.scale == pytest.approx(1.0, abs=0.02)
+    assert np.abs(off).max() < 2.0  # a fifth of the way of half a minute
