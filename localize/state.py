@@ -39,10 +39,10 @@ class NavState:
     R, p, v : attitude, position [m] and velocity [m/s] of the imu in odom.
     gyro_bias [rad/s], accel_bias [m/s²], g : gravity in odom [m/s²].
     T_odom_map : where the local map lies, errs by ``[φ, t]``: turned by ``Exp(φ)`` about ``map_centre`` (3,), a place
-    in odom near the robot, and moved by t.
+    of the map near the robot, told in odom, and moved by t; it moves along.
     wheel_scale : true speed over that of the wheel.
     T_map_odom : where odom lies in the map, or None while nobody knows; errs like ``T_odom_map``, turned about
-    ``odom_centre`` (3,), a place in the map near the robot.
+    ``odom_centre`` (3,), a place of odom near the robot, told in the map; it moves along.
     range_scale : UWB distances as read over true ones.
     anchors, range_biases : ids of the UWB anchors heard, and what each reads too long (n,) [m].
     """
@@ -100,12 +100,12 @@ class NavState:
             T_imu_wheel=_pose_plus(self.T_imu_wheel, delta[WHEEL]),
             T_odom_clone=_pose_plus(self.T_odom_clone, delta[CLONE]),
             T_odom_map=_moved_about(self.map_centre, delta[MAP]) @ self.T_odom_map,
-            map_centre=self.map_centre,
+            map_centre=self.map_centre + delta[MAP][3:],
             wheel_scale=self.wheel_scale + float(delta[SCALE][0]),
             T_map_odom=None
             if self.T_map_odom is None
             else _moved_about(self.odom_centre, delta[ODOM]) @ self.T_map_odom,
-            odom_centre=self.odom_centre,
+            odom_centre=self.odom_centre + (delta[ODOM][3:] if self.T_map_odom is not None else 0.0),
             range_scale=self.range_scale + (float(delta[RANGE_SCALE][0]) if self.T_map_odom is not None else 0.0),
             anchors=self.anchors,
             range_biases=self.range_biases + delta[BIASES_FROM:],
@@ -125,10 +125,10 @@ class NavState:
         delta[GYRO_BIAS] = self.gyro_bias - other.gyro_bias
         delta[ACCEL_BIAS] = self.accel_bias - other.accel_bias
         delta[GRAVITY] = self.g - other.g
-        delta[MAP] = _move_about(self.map_centre, self.T_odom_map @ inverse(other.T_odom_map))
+        delta[MAP] = _move_about(other.map_centre, self.T_odom_map @ inverse(other.T_odom_map))
         delta[SCALE] = self.wheel_scale - other.wheel_scale
         if self.T_map_odom is not None and other.T_map_odom is not None:
-            delta[ODOM] = _move_about(self.odom_centre, self.T_map_odom @ inverse(other.T_map_odom))
+            delta[ODOM] = _move_about(other.odom_centre, self.T_map_odom @ inverse(other.T_map_odom))
             delta[RANGE_SCALE] = self.range_scale - other.range_scale
             delta[BIASES_FROM:] = self.range_biases - other.range_biases
         return delta

@@ -5,10 +5,10 @@ import pytest
 
 from localize._numba_voxels import beyond_noise
 from localize.filter import ErrorStateFilter, Information
-from localize.lidar import ScanPart, ScanToMap
-from localize.state import ERROR_DIM, LIDAR, MAP, POSITION, VELOCITY
+from localize.lidar import ScanPart, ScanToMap, _columns_of
+from localize.state import ERROR_DIM, LIDAR, MAP, POSITION, ROTATION, VELOCITY
 from localize.voxel_map import RangeNoise, VoxelMap
-from semmap.geometry import inverse, transform
+from semmap.geometry import inverse, se3_log, transform
 from semmap.rig import ImuBlock
 
 NOISE = RangeNoise(4e-4, 1e-6)
@@ -144,3 +144,32 @@ def _apart(P):
     J = np.zeros((3, ERROR_DIM))
     J[:, POSITION], J[:, MAP.start + 3 : MAP.stop] = np.eye(3), -np.eye(3)
     return J @ P @ J.T
+
+
+def test_moving_robot_and_map_together_tells_nothing_of_how_they_are_turned(state):
+    """The first rock after a drift moves both by many metres; a lever arm of as much would take turns for places."""
+    state.T_odom_map, state.map_centre = np.eye(4), state.p.copy()
+    filter = ErrorStateFilter(state, np.zeros((ERROR_DIM, ERROR_DIM)), 0, IMU)
+    alike = np.zeros((ERROR_DIM, 6))
+    alike[ROTATION, :3], alike[POSITION, 3:] = state.R.T, np.eye(3)
+    alike[MAP] = np.eye(6)
+    filter.P = alike @ np.diag([1e-3, 1e-3, 1e-3, 20.0, 0.1, 0.1]) ** 2 @ alike.T
+    filter.update(_PlaceAndMatch(state, state.p + 10.0 * AXIS), iterations=4)
+    assert filter.state.p[0] - state.p[0] > 9.9
+    np.testing.assert_allclose(np.sqrt(np.diag(filter.P)[MAP][:3]), 1e-3, rtol=1e-3)
+    np.testing.assert_allclose(np.sqrt(np.diag(filter.P)[MAP][4:]), 0.1, rtol=1e-3)
+
+
+class _PlaceAndMatch:
+    """A sensor of the place along the axis, of 0.1 m, and of the pose in the map, of 1e-4 rad and 1 mm."""
+
+    def __init__(self, state, place):
+        self.in_map, self.place = inverse(state.T_odom_map) @ state.T_odom_imu, place
+
+    def linearize(self, state):
+        J, weights = _columns_of(state), np.diag(np.repeat([1e8, 1e6], 3))
+        moved = se3_log(inverse(self.in_map) @ inverse(state.T_odom_map) @ state.T_odom_imu)
+        A, b = J @ weights @ J.T, -J @ weights @ moved
+        A[3, 3] += 100.0
+        b[3] += 100.0 * (self.place - state.p)[0]
+        return Information(A, b, np.r_[ROTATION, POSITION, LIDAR, MAP])
