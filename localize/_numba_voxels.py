@@ -51,13 +51,15 @@ def rehash(table, new_table):
 
 
 @njit(cache=True)
-def insert(points, R, p, inverse_size, max_points, min_points, rule, table, cells, used, added, hit):
-    """Add points (n, 3), at ``R x + p`` in the map; returns how many cells are in use and how new the map is there.
+def insert(points, R, p, inverse_size, max_points, min_points, rule, table, cells, used, added, hit, centre, A, new):
+    """Add points (n, 3), at ``R x + p`` in the map; returns how many cells are in use.
 
     Full cells (max_points) stay as they are. The tables must have room for n more cells. The shape of a cell is that
     of its points: rows is 0 while it has none, 1 for a plane, 2 for an edge; axes are its eigenvectors by ascending
     spread, the first ``rows`` of them across the shape, scale is one over the spread along each, variance that across
-    [m²]. added and hit are scratch; added must be 0.
+    [m²]. A, new (6, 6): what the cells that were hit tell of the place of the map, turned about ``centre`` (3,) and
+    moved, in its axes; and as much of it as came with these points, with all that the noise of the normals pretends to
+    tell. added and hit are scratch; added must be 0.
     """
     hits = 0
     for i in range(len(points)):
@@ -95,16 +97,20 @@ def insert(points, R, p, inverse_size, max_points, min_points, rule, table, cell
         cell[SCATTER + 3] += dy * ey
         cell[SCATTER + 4] += dy * ez
         cell[SCATTER + 5] += dz * ez
-    share, shapes = 0.0, 0
+    A[:, :] = 0.0
+    new[:, :] = 0.0
+    row = np.empty((1, 6))
     for k in range(hits):
-        c = hit[k]
-        if added[c] > 0 and cells[c, COUNT] >= min_points:
-            _fit(cells[c], rule)
-        if cells[c, ROWS] > 0.0:
-            share += max(added[c], 0) / cells[c, COUNT]
-            shapes += 1
-        added[c] = 0
-    return used, (share / shapes if shapes else 1.0)
+        cell, came = cells[hit[k]], max(added[hit[k]], 0)
+        added[hit[k]] = 0
+        if came > 0 and cell[COUNT] >= min_points:
+            _fit(cell, rule)
+        if cell[ROWS] > 0.0:
+            _put_knowledge(cell, came / cell[COUNT], centre, row, A, new)
+    for i in range(6):
+        for j in range(i):
+            A[i, j], new[i, j] = A[j, i], new[j, i]
+    return used
 
 
 @njit(cache=True)
@@ -209,6 +215,25 @@ def _leaning(cell, weight):
     # what the points told themselves, without the roughness taken for granted
     noise = max(cell[VARIANCE] * (n - 3 + _ROCK_POINTS) - _ROCK_POINTS * _ROCK_VARIANCE, 0.0) / (n - 3)
     return np.sqrt(weight * noise * _SHARED / n)
+
+
+@njit(cache=True)
+def _put_knowledge(cell, share, centre, row, A, new):
+    """Adds what a shape tells to the upper half of A, and what is new of it to that of new; row (1, 6) is scratch."""
+    x, y, z = cell[MEAN] - centre[0], cell[MEAN + 1] - centre[1], cell[MEAN + 2] - centre[2]
+    weight, across = 1.0 / cell[VARIANCE], int(cell[ROWS])
+    # an old shape leans by chance as a new one does: nothing is known of that
+    leaning = (1.0 - share) * _leaning(cell, weight) ** 2
+    for k in range(3):
+        ux, uy, uz = cell[AXES + 3 * k], cell[AXES + 3 * k + 1], cell[AXES + 3 * k + 2]
+        _put_row(row, 0, 1.0, x, y, z, ux, uy, uz)
+        told = weight if k < across else 0.0
+        fresh = share * weight if k < across else leaning * cell[SCALE + k] ** 2
+        for i in range(6):
+            for j in range(i, 6):
+                square = row[0, i] * row[0, j]
+                A[i, j] += told * square
+                new[i, j] += fresh * square
 
 
 @njit(cache=True, inline="always")
@@ -328,10 +353,10 @@ def beyond_noise(A, b, B, C, blind_from, blind):
     """A (6, 6), b (6,) and B (6, 6) of `point_to_shape` without what C explains, in place; see `localize.lidar`.
 
     Rotation and position each for themselves: along a direction in which a share γ of A comes from C, b is multiplied
-    by ``1 - γ``, and A and B by its square; by 0 where γ is ``blind_from`` and more. blind (6, 6): unit columns along
-    these; the other columns are 0.
+    by ``1 - γ``, and A and B by its square. Both fade, as the number of points does, to nothing where γ comes to
+    ``blind_from``. blind (6, 6): unit columns along directions in which it is as much and more; the others are 0.
     """
-    T, W, share, V = np.zeros((6, 6)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    T, Tb, W, share, V = np.zeros((6, 6)), np.zeros((6, 6)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     blind[:, :] = 0.0
     for first in (0, 3):
         block = slice(first, first + 3)
@@ -344,12 +369,15 @@ def beyond_noise(A, b, B, C, blind_from, blind):
         directions = V @ W
         known = directions @ np.ascontiguousarray(A[block, block])
         for i in range(3):
-            left = 1.0 - share[i] if share[i] < blind_from else 0.0
+            left = 1.0 - share[i]
+            counts = max(1.0 - share[i] / blind_from, 0.0) / max(left, 1.0 - blind_from)
             for row in range(3):
                 for column in range(3):
-                    T[first + row, first + column] += left * known[i, row] * directions[i, column]
-            if left == 0.0:
+                    kept = left * known[i, row] * directions[i, column]
+                    T[first + row, first + column] += np.sqrt(counts) * kept
+                    Tb[first + row, first + column] += counts * kept
+            if counts == 0.0:
                 blind[block, first + i] = directions[i] / np.sqrt(np.sum(directions[i] ** 2))
     A[:, :] = T @ A @ T.T
-    b[:] = T @ b
+    b[:] = Tb @ b
     B[:, :] = T @ B @ T.T

@@ -196,14 +196,11 @@ class ErrorStateFilter:
         self.P[MAP] = J @ self.P[MAP]
         self.P[:, MAP] = self.P[:, MAP] @ J.T
 
-    def extend_map(self, share: float, blind: Array) -> None:
-        """The map lies, by a ``share`` of its points (0 to 1), as wrong as the present pose they were put in with.
+    def extend_map(self, new: Array) -> None:
+        """The map lies, by as much of it as is ``new`` (6, 6), as wrong as the present pose it was put in with.
 
-        blind : (6, m) orthonormal directions, rotation first, in the imu's axes, which the older points tell nothing
-        of. What a later scan will find there is what was put in now.
+        new : the share by direction, 0 to 1, of how the map lies turned and moved, in the axes of odom.
         """
-        X = np.concatenate([self.state.R @ blind[:3], self.state.R @ blind[3:]])
-        new = share * np.eye(6) + (1.0 - share) * X @ X.T
         J = np.zeros((6, len(self.P)))
         J[:, MAP] = np.eye(6) - new
         J[:, ROTATION] = new[:, :3] @ self.state.R

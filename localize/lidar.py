@@ -15,7 +15,7 @@ from localize.voxel_map import RangeNoise, ShapeMatch, VoxelMap
 from semmap.geometry import Array, inverse, skew
 
 _COLUMNS = np.r_[ROTATION, POSITION, LIDAR, MAP]
-_VAGUE = np.diag(np.repeat([0.05**-2, 0.5**-2], 3))
+VAGUE = np.diag(np.repeat([0.05**-2, 0.5**-2], 3))
 """Where planes leave a direction open, their errors there are taken to be within 0.05 rad and 0.5 m."""
 
 _BLIND_FROM = 0.5
@@ -80,7 +80,7 @@ class ScanToMap:
         J = np.zeros((6, 6))
         J[:3, :3] = J[3:, 3:] = state.R
         A, _, B, _ = _beyond_noise(matches)
-        G = J @ np.linalg.inv(A + _VAGUE)
+        G = J @ np.linalg.inv(A + VAGUE)
         return np.asarray(G @ B @ G.T)
 
     def _matches(self, state: NavState) -> list[ShapeMatch]:

@@ -8,11 +8,11 @@ import numpy as np
 
 from localize.features import curvature_features
 from localize.filter import ErrorStateFilter
-from localize.lidar import ScanPart, ScanToMap
+from localize.lidar import VAGUE, ScanPart, ScanToMap
 from localize.settings import OdometrySettings
-from localize.voxel_map import RangeNoise, Shapes, VoxelMap, voxel_means
+from localize.voxel_map import RangeNoise, Renewal, Shapes, VoxelMap, voxel_means
 from semmap.errors import SettingsError
-from semmap.geometry import Array, inverse, rotation_angle
+from semmap.geometry import Array, inverse, rotation_angle, transform
 from semmap.measurements import Scan
 from semmap.rig import LidarBlock
 
@@ -58,7 +58,9 @@ class LocalMap:
         self.planes = VoxelMap(settings.voxel_size, max_points=settings.voxel_points, shapes=shapes)
         self.edges = VoxelMap(settings.voxel_size, max_points=settings.voxel_points, shapes=Shapes.EDGES)
         self._T_odom_last: Array | None = None
-        self._new_share = self._grown_m = 0.0
+        self._grown_m = 0.0
+        self._old: Array | None = None
+        """What the map keeps of its error since a scan last told how far its shapes are off (6, 6); None if all."""
         self._blind = np.zeros((6, 0))
 
     def surfaces(self, scan: Scan, deskewed: Array) -> list[Surface]:
@@ -89,13 +91,13 @@ class LocalMap:
 
     def _age(self, model: ScanToMap, filter: ErrorStateFilter) -> None:
         """What is new in the map is off by itself, too, and the scan that first meets it tells by how much."""
-        if not self._new_share:
+        if self._old is None:
             return
         noise = model.map_noise(filter.state)
         if noise is not None:
             # the map forgets its old error at the rate at which it takes on new: so its variance stays what it is
-            filter.add_map_noise(self._new_share * (2.0 - self._new_share) * noise + self._leaning(filter.state.g))
-            self._new_share = self._grown_m = 0.0
+            filter.add_map_noise(_positive(noise - self._old @ noise @ self._old.T) + self._leaning(filter.state.g))
+            self._old, self._grown_m = None, 0.0
 
     def _leaning(self, g: Array) -> Array:
         """Covariance (6, 6) of how the map leans by what it grew, against gravity ``g`` (3,)."""
@@ -114,10 +116,34 @@ class LocalMap:
                 return
             self._grown_m += step_m
         self._T_odom_last = T
-        T_map_lidar = inverse(filter.state.T_odom_map) @ T @ filter.state.T_imu_lidar
+        T_map_odom = inverse(filter.state.T_odom_map)
+        T_map_lidar = T_map_odom @ T @ filter.state.T_imu_lidar
+        centre = transform(T_map_odom, filter.state.map_centre)
         for points, voxels in surfaces:
             voxels.forget_far(T_map_lidar[:3, 3], self.settings.max_voxels)
-            share = voxels.insert(points, T_map_lidar)
+            renewal = voxels.insert(points, T_map_lidar, centre)
             if voxels is self.planes:
-                filter.extend_map(share, self._blind)
-                self._new_share = 1.0 - (1.0 - self._new_share) * (1.0 - share)
+                new = self._new(renewal, filter)
+                filter.extend_map(new)
+                old = np.eye(6) - new
+                self._old = old if self._old is None else old @ self._old
+
+    def _new(self, renewal: Renewal, filter: ErrorStateFilter) -> Array:
+        """How much of the map is new (6, 6), by direction, in the axes of odom.
+
+        In a tunnel whose walls are known, the first rock ahead is all that tells of the way along it, and it is new
+        though hardly any of the map is. Along directions the scan is blind for, all is: what a later scan will find
+        there is what is put in now.
+        """
+        to_odom, to_imu = np.zeros((6, 6)), np.zeros((6, 6))
+        to_odom[:3, :3] = to_odom[3:, 3:] = filter.state.T_odom_map[:3, :3]
+        to_imu[:3, :3] = to_imu[3:, 3:] = filter.state.R
+        X = to_imu @ self._blind
+        new = to_odom @ np.linalg.solve(renewal.A + VAGUE, renewal.new + VAGUE) @ to_odom.T
+        return np.asarray(new + (np.eye(6) - new) @ X @ X.T)
+
+
+def _positive(covariance: Array) -> Array:
+    """The nearest to a symmetric (n, n) that is a covariance."""
+    variances, axes = np.linalg.eigh(covariance)
+    return np.asarray((axes * np.maximum(variances, 0.0)) @ axes.T)

@@ -49,6 +49,17 @@ class ShapeMatch(NamedTuple):
     matched: int
 
 
+class Renewal(NamedTuple):
+    """What the shapes tell that points fell into, of the place of the map: turned about a centre and moved, in its axes.
+
+    A (6, 6) : ``Σ HᵀH/σ²`` over them. new (6, 6) : the part of it that came with the points, and all that the noise of
+    the normals alone pretends to tell.
+    """
+
+    A: Array
+    new: Array
+
+
 class VoxelMap:
     """Planes and edges by voxel, in a frame of their own, ``map`` of `localize.state`.
 
@@ -72,16 +83,17 @@ class VoxelMap:
         self._cells = np.zeros((capacity, kernels.CELL))
         self._added, self._hit = np.zeros(capacity, np.int64), np.empty(capacity, np.int64)
 
-    def insert(self, points: Array, T_map_points: Array) -> float:
+    def insert(self, points: Array, T_map_points: Array, centre: Array | None = None) -> Renewal:
         """Add points (n, 3), which ``T_map_points`` (4, 4) takes into the map; returns how new the map is where they
-        are: the share (0 to 1) of a voxel's points that came with this call, in the mean over the voxels with a shape
-        that were hit."""
+        are, about ``centre`` (3,), the place the points are told from unless it is given."""
         self._make_room(len(points))
-        self._used, share = insert(
-            points, *_rigid(T_map_points), 1.0 / self.size, self.max_points, _MIN_POINTS, int(self.shapes),
-            self._table, self._cells, self._used, self._added, self._hit,
+        R, p = _rigid(T_map_points)
+        A, new = np.empty((6, 6)), np.empty((6, 6))
+        self._used = insert(
+            points, R, p, 1.0 / self.size, self.max_points, _MIN_POINTS, int(self.shapes),
+            self._table, self._cells, self._used, self._added, self._hit, p if centre is None else centre, A, new,
         )  # fmt: skip
-        return float(share)
+        return Renewal(A, new)
 
     def _make_room(self, n: int) -> None:
         capacity = len(self._cells)
