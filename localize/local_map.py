@@ -123,24 +123,28 @@ class LocalMap:
             voxels.forget_far(T_map_lidar[:3, 3], self.settings.max_voxels)
             renewal = voxels.insert(points, T_map_lidar, centre)
             if voxels is self.planes:
-                new = self._new(renewal, filter)
+                R_odom_imu = filter.state.R
+                blind = np.concatenate([R_odom_imu @ self._blind[:3], R_odom_imu @ self._blind[3:]])
+                new = renewed(renewal, filter.state.T_odom_map[:3, :3], blind)
                 filter.extend_map(new)
                 old = np.eye(6) - new
                 self._old = old if self._old is None else old @ self._old
 
-    def _new(self, renewal: Renewal, filter: ErrorStateFilter) -> Array:
-        """How much of the map is new (6, 6), by direction, in the axes of odom.
 
-        In a tunnel whose walls are known, the first rock ahead is all that tells of the way along it, and it is new
-        though hardly any of the map is. Along directions the scan is blind for, all is: what a later scan will find
-        there is what is put in now.
-        """
-        to_odom, to_imu = np.zeros((6, 6)), np.zeros((6, 6))
-        to_odom[:3, :3] = to_odom[3:, 3:] = filter.state.T_odom_map[:3, :3]
-        to_imu[:3, :3] = to_imu[3:, 3:] = filter.state.R
-        X = to_imu @ self._blind
-        new = to_odom @ np.linalg.solve(renewal.A + VAGUE, renewal.new + VAGUE) @ to_odom.T
-        return np.asarray(new + (np.eye(6) - new) @ X @ X.T)
+def renewed(renewal: Renewal, R_odom_map: Array, blind: Array) -> Array:
+    """How much of the map is new (6, 6), by direction, 0 to 1, in the axes of odom.
+
+    In a tunnel whose walls are known, the first rock ahead is all that tells of the way along it, and it is new though
+    hardly any of the map is. Along ``blind`` directions (6, m), orthonormal, all is new: what a later scan will find
+    there is what is put in now.
+    """
+    G = np.zeros((6, 6))
+    G[:3, :3] = G[3:, 3:] = R_odom_map
+    A, new = G @ (renewal.A + VAGUE) @ G.T, G @ (renewal.new + VAGUE) @ G.T
+    if not blind.size:
+        return np.asarray(np.linalg.solve(A, new))
+    seen = np.linalg.svd(blind)[0][:, blind.shape[1] :]
+    return np.asarray(blind @ blind.T + seen @ np.linalg.solve(seen.T @ A @ seen, seen.T @ new @ seen) @ seen.T)
 
 
 def _positive(covariance: Array) -> Array:

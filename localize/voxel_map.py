@@ -50,7 +50,7 @@ class ShapeMatch(NamedTuple):
 
 
 class Renewal(NamedTuple):
-    """What the shapes tell that points fell into, of the place of the map: turned about a centre and moved, in its axes.
+    """What the shapes that points fell into tell of the place of the map, turned about a centre and moved, in its axes.
 
     A (6, 6) : ``Σ HᵀH/σ²`` over them. new (6, 6) : the part of it that came with the points, and all that the noise of
     the normals alone pretends to tell.

@@ -6,9 +6,10 @@ import pytest
 from localize._numba_voxels import beyond_noise
 from localize.filter import ErrorStateFilter, Information
 from localize.lidar import ScanPart, ScanToMap, _columns_of
+from localize.local_map import renewed
 from localize.state import ERROR_DIM, LIDAR, MAP, POSITION, ROTATION, VELOCITY
-from localize.voxel_map import RangeNoise, VoxelMap
-from semmap.geometry import inverse, se3_log, transform
+from localize.voxel_map import RangeNoise, Renewal, VoxelMap
+from semmap.geometry import inverse, se3_log, so3_exp, transform
 from semmap.rig import ImuBlock
 
 NOISE = RangeNoise(4e-4, 1e-6)
@@ -41,15 +42,18 @@ def test_what_noise_explains_is_taken_out_as_numpy_does(rng):
     for _ in range(50):
         M, N = rng.normal(size=(20, 6)), rng.uniform(0.0, 1.2) * rng.normal(size=(20, 6))
         A, C, B, b = M.T @ M, N.T @ N, 0.3 * M.T @ M, rng.normal(size=6)
-        T = np.zeros((6, 6))
+        T, Tb = np.zeros((6, 6)), np.zeros((6, 6))
         for block in (slice(0, 3), slice(3, 6)):
             L = np.linalg.cholesky(A[block, block])
             share, V = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, C[block, block]).T))
-            T[block, block] = L @ (V * np.where(share < 0.5, 1.0 - share, 0.0)) @ V.T @ np.linalg.inv(L)
+            counts = np.clip(1.0 - 2.0 * share, 0.0, None) / np.maximum(1.0 - share, 0.5)
+            left, right = L @ V, V.T @ np.linalg.inv(L)
+            T[block, block] = left @ np.diag((1.0 - share) * np.sqrt(counts)) @ right
+            Tb[block, block] = left @ np.diag((1.0 - share) * counts) @ right
         A_left, b_left, B_left, blind = A.copy(), b.copy(), B.copy(), np.empty((6, 6))
         beyond_noise(A_left, b_left, B_left, C, 0.5, blind)
         np.testing.assert_allclose(A_left, T @ A @ T.T, atol=1e-8)
-        np.testing.assert_allclose(b_left, T @ b, atol=1e-8)
+        np.testing.assert_allclose(b_left, Tb @ b, atol=1e-8)
         np.testing.assert_allclose(B_left, T @ B @ T.T, atol=1e-8)
         np.testing.assert_allclose(A_left @ blind, 0.0, atol=1e-8)
 
@@ -131,12 +135,25 @@ def test_along_a_blind_direction_the_map_is_where_the_pose_is(state, rng):
     L = rng.normal(size=(ERROR_DIM, ERROR_DIM))
     L[LIDAR] = 0.0  # a mounting that is known moves nothing
     filter.P = L @ L.T
-    blind = np.zeros((6, 1))
-    blind[3:, 0] = state.R.T @ AXIS
+    root = rng.normal(size=(8, 6))
+    A, blind = root.T @ root, np.concatenate([np.zeros(3), AXIS])[:, None]
     apart = _apart(filter.P)
-    filter.extend_map(0.25, blind)
+    filter.extend_map(renewed(Renewal(1e6 * A, 0.25e6 * A), so3_exp(rng.normal(size=3)), blind))
     np.testing.assert_allclose(_apart(filter.P)[0], 0.0, atol=1e-9)
-    np.testing.assert_allclose(_apart(filter.P)[1:, 1:], 0.75**2 * apart[1:, 1:], rtol=1e-9)
+    np.testing.assert_allclose(_apart(filter.P)[1:, 1:], 0.75**2 * apart[1:, 1:], rtol=1e-3)
+
+
+def test_the_first_rock_ahead_is_new_though_hardly_any_of_the_map_is(rng):
+    """What later scans match to along the axis lies as wrong as the pose now, whatever the walls' planes lie as."""
+    voxels = VoxelMap(0.5, max_points=500)
+    for _ in range(4):
+        voxels.insert(tunnel(rng) + 0.02 * rng.normal(size=(30_000, 3)), np.eye(4))
+    walls = tunnel(rng) + 0.02 * rng.normal(size=(30_000, 3))
+    face = np.column_stack([np.full(400, 16.2), rng.uniform(-2, 2, 400), rng.uniform(-1.5, 1.5, 400)])
+    rock = face + 0.02 * rng.normal(size=(400, 3))
+    renewal = voxels.insert(np.concatenate([walls, rock]), np.eye(4), np.zeros(3))
+    share = np.diag(renewed(renewal, np.eye(3), np.zeros((6, 0))))
+    assert share[3] > 0.9 and (share[4:] < 0.35).all()
 
 
 def _apart(P):

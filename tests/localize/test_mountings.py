@@ -171,7 +171,7 @@ def test_what_a_scan_was_mapped_with_it_cannot_measure(state, rng):
     L = rng.normal(size=(36, 36))
     filter.P[:36, :36] = L @ L.T
     filter.centre_map()
-    filter.extend_map(1.0, np.zeros((6, 0)))
+    filter.extend_map(np.eye(6))
     columns = lidar._COLUMNS
     J = lidar._columns_of(state)
     np.testing.assert_allclose(J.T @ filter.P[np.ix_(columns, columns)] @ J, 0.0, atol=1e-9)

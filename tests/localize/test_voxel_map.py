@@ -160,10 +160,25 @@ def test_new_share_of_the_map():
     grid = np.stack(np.meshgrid(np.arange(0, 4, 0.1), np.arange(0, 4, 0.1)), axis=-1).reshape(-1, 2) + 0.05
     floor = np.column_stack([grid, np.full(len(grid), 0.5)])
     voxels = VoxelMap(1.0, max_points=250)
-    assert voxels.insert(floor, np.eye(4)) == 1.0
-    np.testing.assert_allclose(voxels.insert(floor + 0.001, np.eye(4)), 0.5)
-    np.testing.assert_allclose(voxels.insert(floor + 0.002, np.eye(4)), 50 / 250)
-    assert voxels.insert(floor, np.eye(4)) == 0.0
+    for share in (1.0, 0.5, 50 / 250, 0.0):
+        told = voxels.insert(floor, np.eye(4), np.array([1.0, 2.0, 0.5]))
+        # a floor tells of the height, and of turns about both level axes
+        np.testing.assert_allclose(told.new, share * told.A, atol=1e-6 * told.A.max())
+        assert told.A[5, 5] > 100.0 and (np.diag(told.A)[2:5] < 1e-6).all()
+        np.testing.assert_allclose(np.diag(told.A)[:2] / told.A[5, 5], [1.25, 2.25])
+
+
+def test_of_what_the_noise_of_old_normals_tells_all_counts_as_new(rng):
+    floor = np.column_stack([rng.uniform(0, 4, (4000, 2)), 0.5 + 0.02 * rng.normal(size=4000)])
+    voxels = VoxelMap(1.0, max_points=250)
+    voxels.insert(floor, np.eye(4))
+    told = voxels.insert(floor, np.eye(4))
+    assert told.new[5, 5] < 0.05 * told.A[5, 5]
+    # each normal leans by chance, so a floor seems to tell of the place on it
+    level = np.arange(3, 5)
+    assert (told.A[level, level] > 0.1).all()
+    assert (told.new[level, level] > 0.3 * told.A[level, level]).all()
+    assert (told.new[level, level] < 6.0 * told.A[level, level]).all()
 
 
 def test_the_far_half_is_forgotten_and_the_near_half_stays_as_it_was(rng):
@@ -186,8 +201,8 @@ def test_the_far_half_is_forgotten_and_the_near_half_stays_as_it_was(rng):
     np.testing.assert_array_equal(old_normals[kept], normals)
     np.testing.assert_array_equal(old_variances[kept], variances)
     # it goes on where it was: found again, and new voxels beside the old
-    added = voxels.insert(np.array([[99.9, 1.5, 0.0], [-5.0, 0.0, 0.0]]), np.eye(4))
-    assert 0.0 <= added <= 1.0 and len(voxels) == limit // 2 + 1
+    voxels.insert(np.array([[99.9, 1.5, 0.0], [-5.0, 0.0, 0.0]]), np.eye(4))
+    assert len(voxels) == limit // 2 + 1
 
 
 def test_too_few_matches_say_nothing(state):
