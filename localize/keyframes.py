@@ -62,12 +62,8 @@ class Keyframes:
         self.count = 0
         self._last: deque[Keyframe] = deque(maxlen=max(settings.stacked, _KEPT))
 
-    def add(self, pose: OdometryPose, T_odom_imu: Array, settling_m: float = 0.0) -> Keyframe:
-        """Keep a scan.
-
-        ``T_odom_imu`` (4, 4) is its place in an odom that nothing ever moved; ``settling_m`` what the way to it may be
-        off by beyond what the filter says [m].
-        """
+    def add(self, pose: OdometryPose, T_odom_imu: Array) -> Keyframe:
+        """Keep a scan; ``T_odom_imu`` (4, 4) is its place in an odom that nothing ever moved."""
         keyframe = Keyframe(
             self.count,
             pose.stamp_ns,
@@ -75,7 +71,7 @@ class Keyframes:
             T_odom_imu[:3, :3] @ pose.up_imu,
             voxel_means(pose.points, self.settings.voxel).astype(np.float32),
             pose.state.T_imu_lidar[:3, 3],
-            float(np.hypot(np.sqrt(np.trace(pose.since_keyframe[3:, 3:])), settling_m)),
+            float(np.sqrt(np.trace(pose.since_keyframe[3:, 3:]))),
         )
         self.count += 1
         self._last.append(keyframe)

@@ -201,7 +201,7 @@ class Localizer:
     def _add_keyframe(self, pose: OdometryPose) -> None:
         if self._on_keyframe is not None:
             self._on_keyframe(pose.stamp_ns, pose.points)
-        keyframe = self._keyframes.add(pose, self._track.unmoved, self._links.settling_m(pose))
+        keyframe = self._keyframes.add(pose, self._track.unmoved)
         self._track.add_keyframe(keyframe, pose, self._links.of(pose))
         self._sightings.see(keyframe)
         self._links.keyframe(pose)
