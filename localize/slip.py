@@ -10,6 +10,7 @@ non-holonomic constraint holds in any case.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -38,6 +39,10 @@ _FITTING_READINGS = 5
 _SAME_SIGMAS = 2.0
 _FIT_SIGMAS = 3.0
 _SURE_SIGMAS = 5.0
+_SHORT_NS = 3_000_000_000
+"""So long the IMU carries the speed well enough to see a slip end; most are shorter."""
+_BACK_READINGS, _BACK_SHARE = 5, 0.3
+"""So many readings in a row with less than this share of the slip's excess, and the wheel grips."""
 _LONGEST_NS = 30_000_000_000
 """What lasts longer is no slip: it is the wheel's scale, or the filter that is wrong."""
 
@@ -91,6 +96,8 @@ class WheelFusion:
         self._since_ns = 0
         self._heard = True
         self._readings, self._apart = 0, 0.0
+        self._slip_excess, self._followed_v = 0.0, np.zeros(3)
+        self._lately: deque[float] = deque(maxlen=_BACK_READINGS)
         self._suspect()
         self.slipping = False
         self.gripped_ns = -(1 << 62)
@@ -110,6 +117,7 @@ class WheelFusion:
         v = filter.state.v
         filter.update(replace(model, forward=self._heard))
         self._moved_v = self._moved_v + filter.state.v - v
+        self._followed_v = self._followed_v + filter.state.v - v
         if not self.slipping:
             self.gripped_ns = reading.stamp_ns
 
@@ -122,14 +130,13 @@ class WheelFusion:
             if not self.slipping:
                 self._grip = Scale(filter.state.wheel_scale, float(filter.P[SCALE, SCALE][0, 0]))
             return
-        self._sum += self._excess(model, filter)
+        self._sum += self._excess(model, filter, self._moved_v)
         if shifted:
             self._shift(model, stamp_ns, filter)
 
     def _shift(self, model: WheelVelocity, stamp_ns: int, filter: ErrorStateFilter) -> None:
         """The wheel has begun to slip, slips otherwise than before, or grips again."""
-        filter.state.v = filter.state.v - self._moved_v
-        filter.P[VELOCITY, VELOCITY] += np.outer(self._moved_v, self._moved_v)
+        _take_back(self._moved_v, filter)
         excess, count = self._sum / self._cusum.count, self._cusum.count
         self._suspect()
         if self.slipping and self._fits(model, excess, count, filter):
@@ -141,14 +148,16 @@ class WheelFusion:
             self.slipping, self._since_ns = True, stamp_ns
             self.changes.append(SlipChange(stamp_ns, True, excess))
         self._apart = 0.0
+        self._slip_excess, self._followed_v = excess, np.zeros(3)
+        self._lately.clear()
         self._readings, self._heard = 0, _SLIDES[0] < over < _SLIDES[1]
         if self._heard:
             _set_scale(filter, Scale(self._grip.value / over, _SLIP_STD**2))
 
-    def _excess(self, model: WheelVelocity, filter: ErrorStateFilter) -> float:
-        """What the wheel reads too much [m/s] by the scale of before, had the velocity not followed it already."""
+    def _excess(self, model: WheelVelocity, filter: ErrorStateFilter, followed_v: Array) -> float:
+        """What the wheel reads too much [m/s] by the scale of before, had the velocity not followed it by so much."""
         forward = filter.state.R @ filter.state.T_imu_wheel[:3, 0]
-        ground = float(model.velocity(filter.state)[0] - forward @ self._moved_v)
+        ground = float(model.velocity(filter.state)[0] - forward @ followed_v)
         return model.speed - ground / self._grip.value
 
     def _fits(self, model: WheelVelocity, excess: float, readings: int, filter: ErrorStateFilter) -> bool:
@@ -161,11 +170,16 @@ class WheelFusion:
         lasts = stamp_ns - self._since_ns > _LONGEST_NS
         self._readings += 1
         if not self._heard:
-            self._readings = self._readings if self._fits(model, self._excess(model, filter), 1, filter) else 0
+            excess = self._excess(model, filter, self._moved_v)
+            self._readings = self._readings if self._fits(model, excess, 1, filter) else 0
             if lasts:
                 _doubt(model, filter)
             if lasts or self._readings >= _FITTING_READINGS:
                 self._end(stamp_ns, self._grip, filter)
+            return
+        if stamp_ns - self._since_ns < _SHORT_NS and self._is_back(model, filter):
+            _take_back(self._followed_v, filter)
+            self._end(stamp_ns, self._grip, filter)
             return
         filter.P[SCALE, SCALE] += _SLIP_WALK**2
         scale = Scale(filter.state.wheel_scale, float(filter.P[SCALE, SCALE][0, 0]))
@@ -180,11 +194,23 @@ class WheelFusion:
             # another scale for good must be sure: the one of before was learnt over a long way
             self._end(stamp_ns, self._grip if apart < _SURE_SIGMAS * std else scale, filter)
 
+    def _is_back(self, model: WheelVelocity, filter: ErrorStateFilter) -> bool:
+        """Whether what the wheel reads too much, by the speed that the IMU carries, is gone."""
+        self._lately.append(self._excess(model, filter, self._followed_v))
+        gone = abs(np.mean(self._lately)) < _BACK_SHARE * abs(self._slip_excess)
+        return bool(len(self._lately) == _BACK_READINGS and gone)
+
     def _end(self, stamp_ns: int, scale: Scale, filter: ErrorStateFilter) -> None:
         self.slipping, self._heard, self._grip = False, True, scale
         self.changes.append(SlipChange(stamp_ns, False, 0.0))
         _set_scale(filter, scale)
         self._suspect()
+
+
+def _take_back(moved_v: Array, filter: ErrorStateFilter) -> None:
+    """The velocity without what the wheel did to it (3,), which may have been right."""
+    filter.state.v = filter.state.v - moved_v
+    filter.P[VELOCITY, VELOCITY] += np.outer(moved_v, moved_v)
 
 
 def _doubt(model: WheelVelocity, filter: ErrorStateFilter) -> None:
