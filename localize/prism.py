@@ -204,7 +204,7 @@ class PrismFusion:
             return
         first, last = (np.mean([one.p_map for one in half], axis=0) for half in (held[: len(held) // 2], held[-2:]))
         if span_s < 3.0 * _STANDS_S and np.linalg.norm(last - first) < _STANDS_SIGMAS * self.block.point_std:
-            stood_ns = filter.stamp_ns - round(_CLOCK_SIGMAS * self.block.time_offset_std * 1e9)
+            stood_ns = fix.stamp_ns - round(_CLOCK_SIGMAS * self.block.time_offset_std * 1e9)
             filter.update(Standstill(2.0 * self.block.point_std / span_s, recent.faster_by(stood_ns)))
         held.clear()
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from localize.earth import Earth
-from localize.filter import ErrorStateFilter
+from localize.filter import ErrorStateFilter, InertialTrack
 from localize.prism import COLUMNS, Clock, PrismFusion, PrismPosition, Standstill, TurnOnBias, without_earth_rate
 from localize.recent_motion import PointPath, RecentMotion
 from localize.settings import PrismSettings
@@ -91,6 +91,20 @@ def test_before_the_place_is_known_fixes_tell_whether_it_stands(state, rng, spee
         assert fusion.take(PrismFix(k * 200_000_000, p), filter) is None
     sure = np.linalg.norm(filter.state.v) < 0.01
     assert sure == (speed == 0.0)
+
+
+def test_a_machine_that_sets_off_is_not_held_by_fixes_of_a_clock_that_is_off(state):
+    """By their stamps they are of now, and are of 0.3 s ago, when it stood."""
+    state.v, end_ns = np.array([0.2, 0.0, 0.0]), 2_000_000_000
+    filter, fusion, recent = filter_of(state, std=1.0), PrismFusion(STATION, PrismSettings()), RecentMotion()
+    filter.stamp_ns, t = end_ns, np.linspace(0.0, 1.0, 101)
+    v = np.maximum(0.0, t - 0.8)[:, None] * [1.0, 0.0, 0.0]
+    p = np.cumsum(0.01 * v, axis=0)
+    recent.add(InertialTrack(end_ns - 1_000_000_000, t, np.tile(state.R, (101, 1, 1)), p, v, v, v))
+    for k in range(11):
+        fusion.take(PrismFix(end_ns - (10 - k) * 100_000_000, np.zeros(3)), filter, recent)
+    assert_allclose(filter.state.v, v[-1], atol=0.01)
+    assert filter.P[VELOCITY, VELOCITY].max() < 0.01**2
 
 
 def test_standstill_and_turn_on_bias(state):
