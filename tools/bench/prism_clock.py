@@ -37,7 +37,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=40.0)
     parser.add_argument("--std", type=float, default=0.1, help="time_offset_std of the rig [s]")
     options = parser.parse_args()
-    print("mine       offset   first pose   off [m]: most  RMS  most after 10 s  final RMS  NEES: first, all  found [s]")
+    print("mine       offset   first pose  off [m]: most  RMS  most after 10 s  final RMS  NEES: first, all  found [s]")
     for name, seed in FLIGHTS:
         mine = scenario(name, seed)
         rig = with_total_station(default_rig(), mine.scenario.route_floor()[0])
