@@ -22,6 +22,7 @@ _MISFIT = 3.0
 """A range that is off by more sigmas is an outlier."""
 _BAD_PART = 0.3
 """More outliers than this and the solution is not believed."""
+_STEPS_OF_CLOCK = 3
 _FITS = 3
 """Fits, each without what the one before did not explain."""
 _SOME_PART = 0.25
@@ -49,6 +50,7 @@ class Alignment:
 
     bent : unit vector (3,) in the map along which the ranges tell of the place in the second order only, or None: where
     the track lies nearly in the plane of the anchors. ``bent_std`` : how well they do [m].
+    clock_offset, clock_std : of the total station [s]: to be added to the stamps of its fixes.
     """
 
     T_map_level: Array
@@ -56,38 +58,79 @@ class Alignment:
     position_std: float
     bent: Array | None = None
     bent_std: float = 0.0
+    clock_offset: float = 0.0
+    clock_std: float = 0.0
 
     def sure(self, *, yaw_std: float, position_std: float) -> bool:
         """Whether it is known this well."""
         return self.yaw_std < yaw_std and self.position_std < position_std
 
 
-def align_fixes(p_level: Array, p_map: Array, std: float, odometry_std: float = 0.0) -> Alignment | None:
+def align_fixes(
+    p_level: Array,
+    p_map: Array,
+    std: float,
+    odometry_std: float = 0.0,
+    v_level: Array | None = None,
+    clock_std: float = 0.0,
+) -> Alignment | None:
     """Heading and translation from points (n, 3) known in both frames; None where they do not fit one another.
 
     std : of a fix [m]. odometry_std : of the odometry over the stretch, by its own account [m].
+    v_level : (n, 3) [m/s] how the points moved, where the clock of the fixes may be off, by ``clock_std`` [s].
+    At constant speed nobody can tell that from being farther along.
     """
     if len(p_level) < 3:
         return None
+    v_level = np.zeros_like(p_level) if v_level is None else v_level
     for _ in range(_FITS):
         a, b = p_level - p_level.mean(axis=0), p_map - p_map.mean(axis=0)
         spread = float(np.sum(a[:, :2] ** 2))
-        R = yaw_rotation(_turn_between(a, b))
-        off = np.linalg.norm(b - a @ R.T, axis=1)
+        if spread == 0.0:
+            return None
         # odometry's own error over the stretch comes on top of the instrument's
         noise = std + odometry_std + 0.005 * np.sqrt(spread / len(a))
-        if np.median(off) > 4.0 * noise or spread == 0.0:
+        offset, offset_std, confused = _clock_offset(a, b, v_level - v_level.mean(axis=0), noise, clock_std)
+        a = a + offset * (v_level - v_level.mean(axis=0))
+        R = yaw_rotation(_turn_between(a, b))
+        off = np.linalg.norm(b - a @ R.T, axis=1)
+        if np.median(off) > 4.0 * noise:
             return None
         # something else that shines
         good = off <= 4.0 * max(noise, float(np.median(off)))
         if good.all():
             break
-        p_level, p_map = p_level[good], p_map[good]
-    T = se3(R, p_map.mean(axis=0) - R @ p_level.mean(axis=0))
+        p_level, p_map, v_level = p_level[good], p_map[good], v_level[good]
+    speed = v_level.mean(axis=0)
+    T = se3(R, p_map.mean(axis=0) - R @ (p_level.mean(axis=0) + offset * speed))
     # the fixes' noise averages out, odometry's error is one over the stretch
     each, all_alike = std + 0.005 * np.sqrt(spread / len(a)), odometry_std
     yaw_std = (each + all_alike * np.sqrt(len(a))) / np.sqrt(spread)
-    return Alignment(T, float(yaw_std), float(each / np.sqrt(len(a)) + all_alike))
+    by_clock = float(np.linalg.norm(speed)) * offset_std
+    return Alignment(
+        T, float(np.hypot(yaw_std, confused)), float(np.hypot(each / np.sqrt(len(a)) + all_alike, by_clock)),
+        clock_offset=offset, clock_std=offset_std,
+    )  # fmt: skip
+
+
+def _clock_offset(a: Array, b: Array, faster: Array, noise: float, clock_std: float) -> tuple[float, float, float]:
+    """What the clock of points ``b`` (n, 3) is off by, their heading to ``a`` (n, 3) being free; both about their mean.
+
+    faster : (n, 3) how much faster than in the mean each moved. Returns the offset, its standard deviation [s], and
+    what not knowing it adds to that of the heading [rad].
+    """
+    if clock_std == 0.0:
+        return 0.0, 0.0, 0.0
+    offset, weight = 0.0, 1.0 / noise**2
+    for _ in range(_STEPS_OF_CLOCK):
+        moved = a + offset * faster
+        R = yaw_rotation(_turn_between(moved, b))
+        H = np.column_stack([np.cross([0.0, 0.0, 1.0], moved @ R.T).ravel(), (faster @ R.T).ravel()])
+        A = weight * H.T @ H + np.diag([0.0, 1.0 / clock_std**2])
+        rhs = weight * H.T @ (b - moved @ R.T).ravel() - np.array([0.0, offset / clock_std**2])
+        offset += float(np.linalg.solve(A, rhs)[1])
+    covariance = np.linalg.inv(A)
+    return offset, float(np.sqrt(covariance[1, 1])), float(np.sqrt(max(covariance[0, 0] - 1.0 / A[0, 0], 0.0)))
 
 
 def align_ranges(

@@ -218,11 +218,20 @@ class ErrorStateFilter:
         """The planes put in lie off by themselves."""
         self.P[MAP, MAP] += covariance
 
-    def locate(self, T_map_odom: Array, covariance: Array, *, range_scale_std: float = 0.0) -> None:
+    def locate(
+        self,
+        T_map_odom: Array,
+        covariance: Array,
+        *,
+        range_scale_std: float = 0.0,
+        clock_offset: float = 0.0,
+        clock_offset_std: float = 0.0,
+    ) -> None:
         """Where odom lies becomes a state, from the place of the robot in the map, which is known apart from odom's.
 
         covariance : (6, 6) of that place's ``[φ, t]``: turned about the robot and moved, in the axes of the map.
         range_scale_std : what the scale of UWB ranges may be off by; 0 does not estimate it.
+        clock_offset, clock_offset_std : of the total station's clock, and how well that is known [s]; likewise.
         """
         s, R = self.state, T_map_odom[:3, :3]
         J = np.zeros((6, len(self.P)))
@@ -231,7 +240,8 @@ class ErrorStateFilter:
         J[3:, POSITION] = -R
         s.T_map_odom, s.odom_centre = T_map_odom, R @ s.p + T_map_odom[:3, 3]
         self._append(J, covariance)
-        self._append(np.zeros((1, len(self.P))), np.array([[range_scale_std**2]]))
+        s.clock_offset = clock_offset
+        self._append(np.zeros((2, len(self.P))), np.diag([range_scale_std**2, clock_offset_std**2]))
 
     def centre_odom(self) -> None:
         """Tell the error of ``T_map_odom`` at the present place of the robot, as `centre_map` does."""

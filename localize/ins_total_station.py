@@ -26,6 +26,8 @@ from semmap.settings import Settings
 ROTATION, POSITION, VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)
 DIM = 15
+_CLOCK = 15
+"""Beyond the paper: the total station's clock comes last."""
 _COVARIANCE_STEP_S = 0.02
 """The covariance is carried on in steps of this length, at the most: shorter than motion, longer than a sample."""
 
@@ -136,6 +138,8 @@ class InsTotalStationFilter:
     Attributes
     ----------
     refused : fixes that the gate kept out so far, of all and in a row.
+    clock_offset : to be added to the total station's stamps, beside what the rig says [s].
+    covariance : (16, 16) of all, the clock last.
     """
 
     def __init__(
@@ -148,7 +152,11 @@ class InsTotalStationFilter:
         earth: Earth,
         settings: InsTotalStationSettings | None = None,
     ) -> None:
+        self.covariance = np.zeros((DIM + 1, DIM + 1))
+        self.covariance[_CLOCK, _CLOCK] = station.time_offset_std**2
         self.P, self.stamp_ns, self.earth = P, stamp_ns, earth
+        self.clock_offset = 0.0
+        self._rate = np.zeros(3)
         self.settings = settings or InsTotalStationSettings()
         self.refused = self.refused_in_a_row = 0
         self._navigator = Navigator(state.R, state.v, state.p, earth)
@@ -157,6 +165,21 @@ class InsTotalStationFilter:
         self._noise = noise_rates(imu)
         self._p_imu_prism = np.array(station.p_imu_prism)
         self._point_variance = station.point_std**2
+
+    @property
+    def P(self) -> Array:
+        """That of the state (15, 15)."""
+        return self.covariance[:DIM, :DIM]
+
+    @P.setter
+    def P(self, P: Array) -> None:
+        self.covariance[:DIM, :DIM] = P
+
+    def placed_by_fixes(self) -> None:
+        """The place was read from fixes on the way: it is off along that by what their clock is off by."""
+        J = np.eye(DIM + 1)
+        J[POSITION, _CLOCK] = -self._prism_speed(self.state)
+        self.covariance = J @ self.covariance @ J.T
 
     @property
     def state(self) -> InsState:
@@ -191,8 +214,11 @@ class InsTotalStationFilter:
         track = self._navigator.run(increments)
         rate, force = increments.angle.sum(axis=0) / dt, increments.velocity.sum(axis=0) / dt
         Phi = transition(before, rate, force, self.earth, self.settings.bias_time_s, dt)
-        P = Phi @ self.P @ Phi.T + dt * self._noise
-        self.P = 0.5 * (P + P.T)
+        self._rate = rate
+        Phi = np.block([[Phi, np.zeros((DIM, 1))], [np.zeros(DIM), 1.0]])
+        P = Phi @ self.covariance @ Phi.T
+        P[:DIM, :DIM] += dt * self._noise
+        self.covariance = 0.5 * (P + P.T)
         decay = np.exp(-dt / self.settings.bias_time_s)
         self._biases = self._mean_biases + decay * (self._biases - self._mean_biases)
         return track
@@ -209,10 +235,13 @@ class InsTotalStationFilter:
             what = f"is {(fix.stamp_ns - self.stamp_ns) * 1e-9:.6g} s off the filter's time"
             raise MeasurementError(what, field="PrismFix.stamp_ns", mend="predict up to the fix first")
         state = self.state
-        residual = fix.p_map - (state.p + state.R @ self._p_imu_prism)
-        H = prism_jacobian(state, self._p_imu_prism)
+        speed = self._prism_speed(state)
+        residual = fix.p_map - (state.p + state.R @ self._p_imu_prism + speed * self.clock_offset)
+        H = np.column_stack([prism_jacobian(state, self._p_imu_prism), speed])
+        # a speed that is off puts the fix off by as long as its clock is
+        H[:, VELOCITY] += self.clock_offset * np.eye(3)
         noise = self._point_variance * np.eye(3)
-        S = H @ self.P @ H.T + noise
+        S = H @ self.covariance @ H.T + noise
         distance2 = float(residual @ np.linalg.solve(S, residual))
         off_m = float(np.linalg.norm(residual))
         likely = -0.5 * (min(distance2, self.settings.gate) + float(np.log(np.linalg.det(S / self._point_variance))))
@@ -220,11 +249,13 @@ class InsTotalStationFilter:
             self.refused, self.refused_in_a_row = self.refused + 1, self.refused_in_a_row + 1
             return FixOutcome(False, distance2, off_m, likely)
         self.refused_in_a_row = 0
-        K = np.linalg.solve(S, H @ self.P).T
-        self._put(state.boxplus(K @ residual))
+        K = np.linalg.solve(S, H @ self.covariance).T
+        delta = K @ residual
+        self._put(state.boxplus(delta[:DIM]))
+        self.clock_offset += float(delta[_CLOCK])
         # Joseph's form of Eq. 25 stays positive
-        left = np.eye(DIM) - K @ H
-        self.P = left @ self.P @ left.T + K @ noise @ K.T
+        left = np.eye(DIM + 1) - K @ H
+        self.covariance = left @ self.covariance @ left.T + K @ noise @ K.T
         return FixOutcome(True, distance2, off_m, likely)
 
     def prism(self) -> tuple[Array, Array]:
@@ -232,6 +263,10 @@ class InsTotalStationFilter:
         state = self.state
         H = prism_jacobian(state, self._p_imu_prism)
         return state.p + state.R @ self._p_imu_prism, H @ self.P @ H.T
+
+    def _prism_speed(self, state: InsState) -> Array:
+        """How fast the prism moves in the map (3,) [m/s]."""
+        return np.asarray(state.v + state.R @ np.cross(self._rate, self._p_imu_prism))
 
     def _put(self, state: InsState) -> None:
         self._navigator.R, self._navigator.p, self._navigator.v = state.R, state.p, state.v

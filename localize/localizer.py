@@ -273,6 +273,7 @@ class Localizer:
             "wheel_slips": counted["wheel_slips"],
             "wheel_scale": engine.filter.state.wheel_scale if engine and engine.wheel else None,
             "mountings": self._mountings(),
+            "prism_clock_offset": self._sightings.told_clock(),
             "imu_gaps": counted["imu_gaps"],
             "odometry_breaks": counted["odometry_breaks"],
             "unknown_anchors": sorted(self._sightings.unknown_anchors),

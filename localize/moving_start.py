@@ -54,11 +54,13 @@ _MOST_DISTANCE2 = 4.5
 class MovingPlace:
     """Where the imu is in the map, and how well that is known.
 
-    state, P : of the filter, P (15, 15). heading_std : [rad]. p_map_prism : (3,), covariance (3, 3) [m²] of that.
+    state, P : of the filter, P (16, 16) with the total station's clock last. clock_offset : of that [s].
+    heading_std : [rad]. p_map_prism : (3,), covariance (3, 3) [m²] of that.
     """
 
     state: InsState
     P: Array
+    clock_offset: float
     heading_std: float
     p_map_prism: Array
     covariance: Array
@@ -155,7 +157,9 @@ class MovingStart:
         if filter.stamp_ns < stamp_ns:
             filter.predict(*self._until(filter.stamp_ns, stamp_ns))
         p_map_prism, covariance = filter.prism()
-        return MovingPlace(filter.state, filter.P, best.yaw_std, p_map_prism, covariance)
+        return MovingPlace(
+            filter.state, filter.covariance, filter.clock_offset, best.yaw_std, p_map_prism, covariance
+        )  # fmt: skip
 
     def _begin(self) -> None:
         """Start the filters at the end of the last rest, or on the way."""
@@ -206,6 +210,8 @@ class MovingStart:
             _Heading(InsTotalStationFilter(state, P, fix.stamp_ns, self.imu, self.station, self.earth))
             for state, P in starts
         ]
+        for one in self._bank:
+            one.filter.placed_by_fixes()
         self._from, self._left = fix.p_map, None
         self._fixes = deque(one for one in self._fixes if one.stamp_ns > fix.stamp_ns)
 

@@ -13,9 +13,10 @@ from localize.earth import Earth
 from localize.filter import ErrorStateFilter, InertialTrack, joined
 from localize.imu_buffer import ImuBuffer
 from localize.local_map import LocalMap, ScanMatch
-from localize.prism import FixOutcome, PrismFusion, without_earth_rate
+from localize.prism import Clock, FixOutcome, PrismFusion, without_earth_rate
 from localize.range_check import Verdict
 from localize.ranging import Ranging
+from localize.recent_motion import RecentMotion
 from localize.settings import KeyframeSettings, OdometrySettings, PrismSettings
 from localize.slip import WheelFusion
 from localize.state import GRAVITY, POSITION, ROTATION, NavState
@@ -123,14 +124,18 @@ class Odometry:
         self.prism = PrismFusion(rig.total_station, prism or PrismSettings()) if rig.total_station is not None else None
         self.fixed: list[tuple[PrismFix, FixOutcome]] = []
         self._fixes: list[PrismFix] = []
+        self._recent = RecentMotion()
         self.keyframe_due = False
 
-    def locate(self, T_map_odom: Array, covariance: Array, ranging: Ranging | None) -> None:
+    def locate(self, T_map_odom: Array, covariance: Array, ranging: Ranging | None, clock: Clock) -> None:
         """From now on ranges, and fixes as positions, are taken in.
 
-        covariance : (6, 6) of the robot's place in the map, in the map's axes.
+        covariance : (6, 6) of the robot's place in the map, in the map's axes. clock : the total station's.
         """
-        self.filter.locate(T_map_odom, covariance, range_scale_std=ranging.block.scale_std if ranging else 0.0)
+        self.filter.locate(
+            T_map_odom, covariance, range_scale_std=ranging.block.scale_std if ranging else 0.0,
+            clock_offset=clock.offset_s, clock_offset_std=clock.std_s,
+        )  # fmt: skip
         self.filter.update(Vertical(_VERTICAL_STD if self.prism is None else _LEVELLED_STD))
         without_earth_rate(self.filter, self.earth, self.rig.imu.gyro_bias_std, float(np.sqrt(covariance[2, 2])))
         self.ranging = ranging
@@ -149,7 +154,7 @@ class Odometry:
                 if self._in_time(measurement.stamp_ns, "range"):
                     bisect.insort(self._ranges, measurement, key=lambda m: m.stamp_ns)
             case PrismFix() if self.prism is not None:
-                if self._in_time(measurement.stamp_ns, "prism"):
+                if self._in_time(self._due_ns(measurement), "prism", back_to_ns=self._recent.since_ns):
                     bisect.insort(self._fixes, measurement, key=lambda m: m.stamp_ns)
             case Scan() if self.rig.lidar is not None:
                 # there is but one pose at a time; all else may come at the time of the last
@@ -168,8 +173,8 @@ class Odometry:
             self.gaps += after_ns > _GAP_NS
         self._imu.append(sample)
 
-    def _in_time(self, stamp_ns: int, what: str) -> bool:
-        if stamp_ns >= self.filter.stamp_ns:
+    def _in_time(self, stamp_ns: int, what: str, back_to_ns: int | None = None) -> bool:
+        if stamp_ns >= (self.filter.stamp_ns if back_to_ns is None else back_to_ns):
             return True
         self._count(what)
         return False
@@ -277,8 +282,8 @@ class Odometry:
     def _take_sightings(self, until_ns: int, tracks: list[InertialTrack]) -> None:
         """Ranges and fixes up to a time, each at its own, into the filter; ``tracks`` go on, and move with the pose."""
         while (sighting := self._next_sighting(until_ns)) is not None:
-            if sighting.stamp_ns > self.filter.stamp_ns:
-                tracks.append(self._predict(sighting.stamp_ns))
+            if self._due_ns(sighting) > self.filter.stamp_ns:
+                tracks.append(self._predict(self._due_ns(sighting)))
             before = inverse(self.filter.state.T_odom_imu)
             if self._taken(sighting):
                 self._ranged = True
@@ -289,8 +294,13 @@ class Odometry:
         waiting: list[list[UwbRange] | list[PrismFix]] = [one for one in (self._ranges, self._fixes) if one]
         if not waiting:
             return None
-        first = min(waiting, key=lambda one: one[0].stamp_ns)
-        return first.pop(0) if first[0].stamp_ns <= until_ns else None
+        first = min(waiting, key=lambda one: self._due_ns(one[0]))
+        return first.pop(0) if self._due_ns(first[0]) <= until_ns else None
+
+    def _due_ns(self, sighting: UwbRange | PrismFix) -> int:
+        """When it was, as far as the clocks are known; of a fix that may be a while ago."""
+        clock = Clock.of(self.filter) if isinstance(sighting, PrismFix) else None
+        return sighting.stamp_ns if clock is None else clock.corrected_ns(sighting.stamp_ns)
 
     def _taken(self, sighting: UwbRange | PrismFix) -> bool:
         """Whether the filter took it as knowledge of the place."""
@@ -300,7 +310,7 @@ class Odometry:
             self.judged.append((sighting, verdict))
             return not verdict.refused
         assert self.prism is not None
-        outcome = self.prism.take(sighting, self.filter)
+        outcome = self.prism.take(sighting, self.filter, self._recent)
         if outcome is not None:
             self.fixed.append((sighting, outcome))
         return outcome is not None and outcome.used
@@ -311,6 +321,8 @@ class Odometry:
         turning, falling = self._earth_felt()
         track = self.filter.predict(imu.stamps_ns, imu.gyro - turning, imu.accel - falling)
         self._imu.forget_before(end_ns)
+        if self.prism is not None:
+            self._recent.add(track)
         return track
 
     def _earth_felt(self) -> tuple[Array, Array]:

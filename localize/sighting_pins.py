@@ -10,8 +10,9 @@ from localize.anchoring import Alignment
 from localize.journal import Journal
 from localize.keyframes import Keyframe
 from localize.odometry import Odometry, OdometryPose
-from localize.prism import PrismPosition, start_from
+from localize.prism import Clock, PrismPosition, start_from
 from localize.ranging import Ranging
+from localize.recent_motion import PointPath
 from localize.settings import LocalizeSettings
 from localize.sightings import Sighting, Sightings, align_moving, align_standing
 from localize.start import StartingOdometry
@@ -23,6 +24,11 @@ from semmap.rig import Rig
 
 _UP = np.array([0.0, 0.0, 1.0])
 _ANYWHERE_M = 30.0
+_ONE_CLOCK = 30
+"""Fixes in the graph share the error of the total station's clock: each counts as if its variance were so many times as
+large, or as many times as fixes are pinned at once."""
+_CLOCK_OFF_S, _CLOCK_STD_S = 0.05, 0.01
+"""A clock that is off by more, and known better, is worth telling."""
 _SETTLING = 10
 """Steps of the graph from a place that an alignment found: ranges are bent, and it may be decimetres off."""
 
@@ -45,16 +51,32 @@ class SightingPins:
         self.rig, self.settings = rig, settings
         self._track, self._journal, self._watch, self._shift = track, journal, watch, shift
         self._anchors_that_are: dict[str, set[int]] = {"blocked": set(), "silent": set()}
+        self._clock = Clock(0.0, rig.total_station.time_offset_std if rig.total_station is not None else 0.0)
+        self._odometry: StartingOdometry | None = None
+        self._clock_told = False
 
     def begin_leg(self, odometry: StartingOdometry) -> None:
         """The odometry begins anew, wherever the robot is."""
+        self._clock = self.clock
         self._odometry = odometry
         self.sightings = Sightings(self.rig, self.settings.sightings, self._shift)
 
     @property
     def _engine(self) -> Odometry | None:
         """The odometry, once it has started."""
-        return self._odometry.odometry
+        return self._odometry.odometry if self._odometry is not None else None
+
+    @property
+    def clock(self) -> Clock:
+        """The total station's, as far as it is known."""
+        known = Clock.of(self._engine.filter) if self._engine is not None else None
+        return known or self._clock
+
+    def told_clock(self) -> dict[str, float] | None:
+        """What is to be added to the total station's stamps and how well that is known, for a summary; None without."""
+        if self.rig.total_station is None:
+            return None
+        return {"offset_s": self.rig.total_station.time_offset_s + self.clock.offset_s, "std_s": self.clock.std_s}
 
     @property
     def unknown_anchors(self) -> set[int]:
@@ -82,7 +104,7 @@ class SightingPins:
         self._anchor_moving(pose)
 
     def _pin_or_align(self, pose: OdometryPose) -> None:
-        sightings = self.sightings.reached(pose.stamp_ns, self._track.unmoved, pose.state.T_imu_tag[:3, 3])
+        sightings = self.sightings.reached(pose.stamp_ns, self._track.unmoved, pose.state.T_imu_tag[:3, 3], self.clock)
         if not sightings or self._track.newest is None:
             return
         if self._track.graph.anchored:
@@ -90,12 +112,16 @@ class SightingPins:
                 self._pin(sighting, pose)
             return
         R_level_odom = rotation_between(self._track.newest.up_odom, _UP)
-        alignment = self.sightings.align(R_level_odom, pose.position_std)
+        alignment = self.sightings.align(R_level_odom, pose.position_std, self._clock.std_s)
         if alignment is not None:
             T_map_odom = alignment.T_map_level @ se3(R_level_odom, np.zeros(3))
             self._track.anchor(T_map_odom, pose.stamp_ns, "ranges and fixes")
-            for sighting in self.sightings.in_sight(self.sightings.kept, T_map_odom):
-                self._pin(sighting, None)
+            if alignment.clock_std:
+                self._clock = Clock(self._clock.offset_s + alignment.clock_offset, alignment.clock_std)
+            kept = self.sightings.later(self.sightings.kept, alignment.clock_offset)
+            seen = self.sightings.in_sight(kept, T_map_odom)
+            for sighting in seen:
+                self._pin(sighting, None, at_once=len(seen))
             self._pin_bent(alignment)
             self._found(pose, "ranges and fixes")
 
@@ -112,7 +138,7 @@ class SightingPins:
 
     def _anchor_standing(self, pose: OdometryPose) -> None:
         """A machine that stands in sight of the total station and knows north (paper 002, static initialization)."""
-        engine, standing = self._engine, self._odometry.standing
+        engine, standing = self._engine, self._odometry.standing if self._odometry is not None else None
         graph, keyframe = self._track.graph, self._track.newest
         found = standing.alignment() if standing is not None else None
         if engine is None or standing is None or found is None or keyframe is None or graph.anchored:
@@ -140,7 +166,7 @@ class SightingPins:
     def _anchor_moving(self, pose: OdometryPose) -> None:
         """A machine whose LiDAR is blind, but which the total station sees drive: the INS/total-station filter starts
         the odometry (paper 002 II-B)."""
-        engine, moving = self._engine, self._odometry.moving
+        engine, moving = self._engine, self._odometry.moving if self._odometry is not None else None
         graph, keyframe = self._track.graph, self._track.newest
         if engine is None or moving is None or keyframe is None or graph.anchored:
             return
@@ -162,7 +188,7 @@ class SightingPins:
             R_level_odom = rotation_between(-state.g, _UP)
             T_map_odom = align_moving(now, state.T_odom_imu, R_level_odom) @ se3(R_level_odom, np.zeros(3))
             self._share(engine, T_map_odom, np.zeros((6, 6)))
-            start_from(engine.filter, now.state, 4.0 * now.P)
+            start_from(engine.filter, now.state, now.clock_offset, 4.0 * now.P)
         self._found(pose, by)
 
     def _found(self, pose: OdometryPose, by: str) -> None:
@@ -189,9 +215,11 @@ class SightingPins:
 
     def _share(self, engine: Odometry, T_map_odom: Array, covariance: Array) -> None:
         """Tell the filter where odom lies; ``covariance`` (6, 6) of the robot's place, in the map's axes."""
-        uwb = self.rig.uwb
+        uwb, station = self.rig.uwb, self.rig.total_station
+        most = station.time_offset_std if station is not None else 0.0
         ranging = Ranging(uwb, self.sightings.anchors, self.settings.ranges) if uwb is not None else None
-        engine.locate(T_map_odom, covariance, ranging)
+        # what the clock was found by is counted in the graph, too
+        engine.locate(T_map_odom, covariance, ranging, Clock(self.clock.offset_s, min(2.0 * self.clock.std_s, most)))
         self.sightings.shared = True
 
     def _note_ranges(self) -> None:
@@ -218,6 +246,16 @@ class SightingPins:
                 self._journal.event(fix.stamp_ns, "prism_refused", anchor=None, off_m=outcome.off_m)
         if engine is not None:
             engine.fixed.clear()
+            self._note_clock(engine.filter.stamp_ns)
+
+    def _note_clock(self, stamp_ns: int) -> None:
+        """A clock that is off, by so much that one should know, and for sure."""
+        clock, station = self.clock, self.rig.total_station
+        sure = clock.std_s < _CLOCK_STD_S and abs(clock.offset_s) > _CLOCK_OFF_S
+        if sure and station is not None and not self._clock_told:
+            mend = "set total_station.time_offset_s"
+            self._journal.event(stamp_ns, "prism_clock_off", **(self.told_clock() or {}), mend=mend)
+            self._clock_told = True
 
     def _note_anchors(self, ranging: Ranging, stamp_ns: int) -> None:
         """Anchors that became blocked, fell silent, or are heard again."""
@@ -231,8 +269,9 @@ class SightingPins:
             self._journal.event(stamp_ns, "ranges_contradict")
             self._journal.counts["range_doubts"] = ranging.doubts
 
-    def _pin(self, sighting: Sighting, pose: OdometryPose | None) -> None:
-        """A range or fix as a factor on the keyframe before it; with the ``pose`` it came by, if it fits."""
+    def _pin(self, sighting: Sighting, pose: OdometryPose | None, at_once: int = 1) -> None:
+        """A range or fix as a factor on the keyframe before it; with the ``pose`` it came by, if it fits; or one of so
+        many ``at_once``."""
         graph, at = self._track.graph, self._track.at
         index, p_imu, way = self._from_keyframe(sighting, pose)
         predicted = transform(graph.pose(index), p_imu[None])[0]
@@ -242,7 +281,9 @@ class SightingPins:
         s, kind = self.settings.ranges, "prism" if sighting.anchor is None else "range"
         std, least = float(np.hypot(sighting.std, at.position_std if at is not None else 0.0)), s.min_gate
         if sighting.anchor is None:
-            least, std = s.min_prism_gate, float(np.hypot(std, np.sqrt(np.trace(way))))
+            R = graph.pose(index)[:3, :3]
+            along = self._along(sighting, index)
+            least, std = s.min_prism_gate, float(np.sqrt(std**2 + np.trace(way) + along @ along))
             off, std = self._off_filter(sighting, pose, off, std)
         refused = {"anchor": sighting.anchor, "off_m": float(off)}
         # ranges that align odom fit at once, or not at all
@@ -255,8 +296,8 @@ class SightingPins:
             return
         if sighting.anchor is None:
             variance = sighting.std**2 * sighting.alike + self.settings.graph.drift_position**2
-            R = graph.pose(index)[:3, :3]
-            graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3) + R @ way @ R.T)
+            by_clock = max(at_once, _ONE_CLOCK) * np.outer(along, along)
+            graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3) + R @ way @ R.T + by_clock)
         else:
             noise = sighting.std * np.sqrt(sighting.alike)
             graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, distance, noise)
@@ -272,9 +313,14 @@ class SightingPins:
             return off, std
         T_map_unmoved = engine.filter.state.T_map_odom @ pose.T_odom_imu @ inverse(self._track.unmoved)
         predicted = transform(T_map_unmoved, fix.p_odom[None])[0]
-        model = PrismPosition(fix.p_map, np.array(station.p_imu_prism), fix.std)
+        model = PrismPosition(fix.p_map, PointPath.fixed(np.array(station.p_imu_prism)), fix.std)
         off = float(np.linalg.norm(predicted - fix.p_map))
         return off, float(np.hypot(fix.std, model.predicted_std(engine.filter)))
+
+    def _along(self, fix: Sighting, index: int) -> Array:
+        """What the clock may be off by puts a fix off by (3,), in the map [m]."""
+        R_map_odom = self._track.graph.pose(index)[:3, :3] @ self._track.leg.unmoved[index][:3, :3].T
+        return np.asarray(R_map_odom @ fix.v_odom * self.clock.std_s)
 
     def _from_keyframe(self, sighting: Sighting, pose: OdometryPose | None) -> tuple[int, Array, Array]:
         """The keyframe before a sighting, the sighted point (3,) in its axes, and what the way from there is off by:

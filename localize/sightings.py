@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from localize.anchoring import Alignment, align_fixes, align_ranges
 from localize.line_of_sight import SightLines
 from localize.moving_start import MovingPlace
+from localize.prism import Clock
 from localize.settings import SightingSettings
 from localize.static_alignment import StaticAlignment
 from semmap.geometry import Array, interpolate_poses, inverse, se3, transform, yaw_of, yaw_rotation
@@ -31,6 +32,7 @@ class Sighting:
 
     p_odom : (3,) tag or prism. anchor : id, or None for a prism fix. p_map : (3,) of the anchor or the prism.
     distance : measured range [m], 0 for a fix. std : [m]. alike : how many readings share one error.
+    v_odom : (3,) how fast the point moved in odom, of a fix [m/s].
     """
 
     stamp_ns: int
@@ -40,6 +42,12 @@ class Sighting:
     distance: float
     std: float
     alike: float = 1.0
+    v_odom: Array = field(default_factory=lambda: np.zeros(3))
+
+    def later(self, seconds: float) -> Sighting:
+        """The same, of so much later [s]."""
+        later_ns = round(seconds * 1e9)
+        return replace(self, stamp_ns=self.stamp_ns + later_ns, p_odom=self.p_odom + seconds * self.v_odom)
 
 
 class Sightings:
@@ -54,7 +62,7 @@ class Sightings:
         self._shift = shift
         self._waiting: deque[tuple[UwbRange | PrismFix, float]] = deque()
         self._taken_ns: dict[int | None, int] = {}
-        self._poses: deque[tuple[int, Array]] = deque(maxlen=100)
+        self._poses: deque[tuple[int, Array]] = deque(maxlen=200)
         self._kept: deque[Sighting] = deque(maxlen=_ALL * settings.window)
         self._apart: deque[Sighting] = deque(maxlen=settings.window)
         """Of those kept, one of each source in an interval."""
@@ -111,20 +119,27 @@ class Sightings:
             self._filters_last_ns[anchor] = stamp_ns
         return turn
 
-    def reached(self, stamp_ns: int, T_odom_imu: Array, p_imu_tag: Array | None = None) -> list[Sighting]:
+    def reached(
+        self, stamp_ns: int, T_odom_imu: Array, p_imu_tag: Array | None = None, clock: Clock | None = None
+    ) -> list[Sighting]:
         """The odometry came to a pose: what was sighted until then.
 
-        p_imu_tag : (3,) where it has found the tag to be; None takes the rig at its word.
+        p_imu_tag : (3,) where it has found the tag to be; None takes the rig at its word. clock : the total station's.
         """
         self._poses.append((stamp_ns, T_odom_imu))
-        ready = [(m, alike) for m, alike in self._waiting if self._poses[0][0] <= m.stamp_ns <= stamp_ns]
-        self._waiting = deque((m, alike) for m, alike in self._waiting if m.stamp_ns > stamp_ns)
+        waiting = [(m, alike, _when(m, clock or Clock())) for m, alike in self._waiting]
+        ready = [one for one in waiting if self._poses[0][0] <= one[2] <= stamp_ns]
+        self._waiting = deque((m, alike) for m, alike, when_ns in waiting if when_ns > stamp_ns)
         if not ready:
             return []
         stamps = np.array([stamp for stamp, _ in self._poses], np.int64)
         poses = np.array([pose for _, pose in self._poses])
-        at = interpolate_poses(stamps, poses, np.array([m.stamp_ns for m, _ in ready], np.int64))
-        sightings = [self._sighting(m, T, alike, p_imu_tag) for (m, alike), T in zip(ready, at, strict=True)]
+        when = np.array([when_ns for _, _, when_ns in ready], np.int64)
+        after = np.clip(np.searchsorted(stamps, when), 1, max(len(stamps) - 1, 1))
+        sightings = [
+            self._sighting(m, when_ns, T, poses[max(k - 1, 0) : k + 1], stamps[max(k - 1, 0) : k + 1], alike, p_imu_tag)
+            for (m, alike, when_ns), T, k in zip(ready, interpolate_poses(stamps, poses, when), after, strict=True)
+        ]
         self._kept.extend(sightings)
         for sighting in sightings:
             since_s = (sighting.stamp_ns - self._apart_ns.get(sighting.anchor, -(1 << 62))) * 1e-9
@@ -134,7 +149,17 @@ class Sightings:
                 self._sighted += 1
         return sightings
 
-    def _sighting(self, m: UwbRange | PrismFix, T_odom_imu: Array, alike: float, p_imu_tag: Array | None) -> Sighting:
+    def _sighting(
+        self,
+        m: UwbRange | PrismFix,
+        stamp_ns: int,
+        T_odom_imu: Array,
+        around: Array,
+        around_ns: NDArray[np.int64],
+        alike: float,
+        p_imu_tag: Array | None,
+    ) -> Sighting:
+        """With the pose of its time, and the poses (2, 4, 4) of the scans before and after it."""
         if isinstance(m, UwbRange):
             assert self.rig.uwb is not None
             p_imu = np.array(self.rig.uwb.p_imu_tag) if p_imu_tag is None else p_imu_tag
@@ -142,18 +167,37 @@ class Sightings:
             std = self.rig.uwb.range_std
             return Sighting(m.stamp_ns, tag, m.anchor, self._anchors[m.anchor], m.distance, std, alike)
         assert self.rig.total_station is not None
-        prism = transform(T_odom_imu, np.array([self.rig.total_station.p_imu_prism]))[0]
-        return Sighting(m.stamp_ns, prism, None, m.p_map - self._shift, 0.0, self.rig.total_station.point_std, alike)
+        lever, std = np.array([self.rig.total_station.p_imu_prism]), self.rig.total_station.point_std
+        moved = transform(around[-1], lever)[0] - transform(around[0], lever)[0]
+        v = moved / max((around_ns[-1] - around_ns[0]) * 1e-9, 1e-3)
+        return Sighting(stamp_ns, transform(T_odom_imu, lever)[0], None, m.p_map - self._shift, 0.0, std, alike, v)
 
     @property
     def kept(self) -> list[Sighting]:
         """The last sightings, oldest first."""
         return list(self._kept)
 
-    def align(self, R_level_odom: Array, odometry_std: float = 0.0) -> Alignment | None:
+    def later(self, sightings: list[Sighting], seconds: float) -> list[Sighting]:
+        """The same, with fixes that were so much later than their stamps say [s]; what was long ago, as it moved."""
+        if not seconds or self.rig.total_station is None:
+            return sightings
+        stamps = np.array([stamp for stamp, _ in self._poses], np.int64)
+        poses, lever = np.array([pose for _, pose in self._poses]), np.array([self.rig.total_station.p_imu_prism])
+        moved = [one if one.anchor is not None else one.later(seconds) for one in sightings]
+        when = np.array([one.stamp_ns for one in moved], np.int64)
+        at = interpolate_poses(stamps, poses, when)
+        return [
+            replace(one, p_odom=transform(T, lever)[0])
+            if one.anchor is None and stamps[0] <= one.stamp_ns <= stamps[-1]
+            else one
+            for one, T in zip(moved, at, strict=True)
+        ]
+
+    def align(self, R_level_odom: Array, odometry_std: float = 0.0, clock_std: float = 0.0) -> Alignment | None:
         """Where gravity-levelled odom lies in the map, once the sightings tell it surely; None before.
 
-        odometry_std : how well odometry says it knows the place in odom [m].
+        odometry_std : how well odometry says it knows the place in odom [m]. clock_std : what the total station's clock
+        may be off by, beyond what is known [s].
         """
         if self._sighted < self._tried + max(_NEW, len(self._apart) // 10):
             return None
@@ -162,11 +206,25 @@ class Sightings:
         fixes = [sighting for sighting in self._apart if sighting.anchor is None]
         ranges = [sighting for sighting in self._apart if sighting.anchor is not None]
         # the fewer, the less odometry has slid since: once it did, all of them never fit again
-        of_fixes = (_align_fixes(fixes[-count:], R_level_odom, odometry_std) for count in (_FEW, 2 * _FEW, len(fixes)))
+        of_fixes = (
+            self._aligned_by_fixes(fixes[-count:], R_level_odom, odometry_std, clock_std)
+            for count in (_FEW, 2 * _FEW, len(fixes))
+        )
         for alignment in (*of_fixes, self._align_ranges(ranges, R_level_odom)):
             if alignment and alignment.sure(yaw_std=s.align_yaw_std, position_std=s.align_position_std):
                 return alignment
         return None
+
+    def _aligned_by_fixes(
+        self, fixes: list[Sighting], R_level_odom: Array, odometry_std: float, clock_std: float
+    ) -> Alignment | None:
+        """Twice where the clock is off: where the prism was then is known better than by its speed."""
+        first = _align_fixes(fixes, R_level_odom, odometry_std, clock_std)
+        if first is None or not first.clock_offset:
+            return first
+        fixes = self.later(fixes, first.clock_offset)
+        again = _align_fixes(fixes, R_level_odom, odometry_std, clock_std)
+        return again and replace(again, clock_offset=first.clock_offset + again.clock_offset)
 
     def _align_ranges(self, ranges: list[Sighting], R_level_odom: Array) -> Alignment | None:
         found = self._aligned_by(ranges, R_level_odom)
@@ -224,8 +282,14 @@ def _mean_fix(fixes: list[Sighting]) -> Sighting:
     return replace(fixes[-1], p_odom=p_odom, p_map=p_map, std=1.25 * fixes[-1].std / np.sqrt(len(fixes)), alike=1.0)
 
 
-def _align_fixes(fixes: list[Sighting], R_level_odom: Array, odometry_std: float) -> Alignment | None:
+def _align_fixes(fixes: list[Sighting], R_level_odom: Array, odometry_std: float, clock_std: float) -> Alignment | None:
     if not fixes:
         return None
-    p_odom, p_map = np.array([f.p_odom for f in fixes]), np.array([f.p_map for f in fixes])
-    return align_fixes(p_odom @ R_level_odom.T, p_map, fixes[0].std, odometry_std)
+    p_odom, v_odom, p_map = (np.array([getattr(f, name) for f in fixes]) for name in ("p_odom", "v_odom", "p_map"))
+    R = R_level_odom.T
+    return align_fixes(p_odom @ R, p_map, fixes[0].std, odometry_std, v_odom @ R, clock_std)
+
+
+def _when(m: UwbRange | PrismFix, clock: Clock) -> int:
+    """Stamp on the robot's clock [ns]."""
+    return clock.corrected_ns(m.stamp_ns) if isinstance(m, PrismFix) else m.stamp_ns

@@ -24,8 +24,10 @@ ERROR_DIM = 49
 """Of a state that has no tail. All columns up to here are always there; what is not estimated has no covariance."""
 ODOM = slice(49, 55)
 RANGE_SCALE = slice(55, 56)
-BIASES_FROM = 56
-"""The tail: where odom lies in the map, once that is known, the ranges' scale, and a bias for each anchor heard."""
+CLOCK = slice(56, 57)
+BIASES_FROM = 57
+"""The tail: where odom lies in the map, once that is known, the ranges' scale, the total station's clock, and a bias
+for each anchor heard."""
 _POSES = (slice(0, 6), LIDAR, TAG, WHEEL, CLONE)
 """36 as in paper 000; 6 of the last keyframe's pose, whose correlation with the present gives the relative pose
 covariance between keyframes; 6 of the local map, which lies as wrong as the poses it was built from; and the wheel's
@@ -44,6 +46,7 @@ class NavState:
     T_map_odom : where odom lies in the map, or None while nobody knows; errs like ``T_odom_map``, turned about
     ``odom_centre`` (3,), a place of odom near the robot, told in the map; it moves along.
     range_scale : UWB distances as read over true ones.
+    clock_offset : to be added to the total station's stamps, beside what the rig says [s].
     anchors, range_biases : ids of the UWB anchors heard, and what each reads too long (n,) [m].
     """
 
@@ -63,6 +66,7 @@ class NavState:
     T_map_odom: Array | None = None
     odom_centre: Array = field(default_factory=lambda: np.zeros(3))
     range_scale: float = 1.0
+    clock_offset: float = 0.0
     anchors: tuple[int, ...] = ()
     range_biases: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -107,6 +111,7 @@ class NavState:
             else _moved_about(self.odom_centre, delta[ODOM]) @ self.T_map_odom,
             odom_centre=self.odom_centre + (delta[ODOM][3:] if self.T_map_odom is not None else 0.0),
             range_scale=self.range_scale + (float(delta[RANGE_SCALE][0]) if self.T_map_odom is not None else 0.0),
+            clock_offset=self.clock_offset + (float(delta[CLOCK][0]) if self.T_map_odom is not None else 0.0),
             anchors=self.anchors,
             range_biases=self.range_biases + delta[BIASES_FROM:],
         )
@@ -130,6 +135,7 @@ class NavState:
         if self.T_map_odom is not None and other.T_map_odom is not None:
             delta[ODOM] = _move_about(other.odom_centre, self.T_map_odom @ inverse(other.T_map_odom))
             delta[RANGE_SCALE] = self.range_scale - other.range_scale
+            delta[CLOCK] = self.clock_offset - other.clock_offset
             delta[BIASES_FROM:] = self.range_biases - other.range_biases
         return delta
 

@@ -139,12 +139,14 @@ class UwbBlock(SensorBlock):
 class TotalStationBlock(SensorBlock):
     """Total station that tracks a prism; its ``position`` in map, ``point_std`` [m] per axis.
 
-    Without a ``topic`` its fixes come from a file beside the recording.
+    Without a ``topic`` its fixes come from a file beside the recording. ``time_offset_std`` [s]: how well its clock,
+    with ``time_offset_s``, is known to go with the IMU's; the rest is estimated on the way, 0 takes it at its word.
     """
 
     topic: str = ""
     position: Vector3
     point_std: PositiveFloat = 0.002
+    time_offset_std: NonNegativeFloat = 0.1
     p_imu_prism: Vector3
     q_imu_prism_xyzw: Quaternion = _IDENTITY
 

@@ -143,6 +143,10 @@ def _with_prism_file(
     fixes, offset = fixes_of_file(
         prism_file, rig, lambda: read_recording(recording, rig, progress=progress), settings.localize
     )
+    if offset is not None and rig.total_station is not None:
+        # LiDAR and IMU that told it are used again
+        known = {"time_offset_s": offset.offset_s, "time_offset_std": 2.0 * offset.std_s}
+        rig = rig.model_copy(update={"total_station": rig.total_station.model_copy(update=known)})
     return rig, fixes, offset
 
 

@@ -53,4 +53,5 @@ def located(rng) -> NavState:
     state.wheel_scale, state.anchors, state.range_biases = 1.1, (7, 3), rng.normal(size=2)
     state.T_map_odom = se3(so3_exp(rng.normal(size=3)), rng.normal(size=3))
     state.odom_centre = rng.normal(size=3)
+    state.clock_offset = 0.2 * rng.normal()
     return state

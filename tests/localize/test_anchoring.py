@@ -193,3 +193,40 @@ def test_three_anchors_are_no_proof_against_a_fourth_but_four_are_against_a_fift
             middle = p.mean(axis=0)[None]
             error = np.linalg.norm(transform(found.T_map_level, middle) - transform(T, middle))
             assert error < 4.0 * found.position_std
+
+
+def fixes_of_a_drive(speed, offset_s, rng):
+    """Points in odom, how fast they move, and fixes that are ``offset_s`` later than they say (n, 3), for a speed that
+    is a function of time [s]."""
+    t = np.arange(0.0, 20.0, 0.5)
+    s = np.concatenate([[0.0], np.cumsum(speed(np.arange(0.0, 21.0, 0.01)) * 0.01)])
+
+    def along(t):
+        x = np.interp(t, 0.01 * np.arange(len(s)), s)
+        return np.column_stack([x, np.zeros((len(x), 2))])
+
+    v = np.column_stack([speed(t), np.zeros((len(t), 2))])
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = yaw_rotation(1.0), [5.0, -3.0, 1.0]
+    return T, along(t), v, transform(T, along(t + offset_s)) + 0.002 * rng.normal(size=(len(t), 3))
+
+
+@pytest.mark.parametrize("offset_s", [-0.15, 0.0, 0.15])
+def test_at_constant_speed_the_place_is_known_no_better_than_the_clock(offset_s):
+    rng = np.random.default_rng(3)
+    T, p, v, fixes = fixes_of_a_drive(lambda t: 1.5 + 0.0 * t, offset_s, rng)
+    found = align_fixes(p, fixes, 0.002, v_level=v, clock_std=0.1)
+    assert found is not None
+    off = np.linalg.norm(found.T_map_level[:3, 3] - T[:3, 3])
+    assert 0.149 < found.position_std < 0.17 and off < 2.0 * found.position_std
+    np.testing.assert_allclose(found.clock_std, 0.1, rtol=0.02)
+
+
+@pytest.mark.parametrize("offset_s", [-0.3, 0.0, 0.3])
+def test_a_changing_speed_tells_the_clock(offset_s):
+    rng = np.random.default_rng(4)
+    T, p, v, fixes = fixes_of_a_drive(lambda t: 1.0 + 0.8 * np.sin(0.4 * t), offset_s, rng)
+    found = align_fixes(p, fixes, 0.002, v_level=v, clock_std=0.1)
+    assert found is not None and found.clock_std < 0.02
+    assert abs(found.clock_offset - offset_s) < 2.5 * found.clock_std
+    assert np.linalg.norm(found.T_map_level[:3, 3] - T[:3, 3]) < 2.5 * found.position_std < 0.1

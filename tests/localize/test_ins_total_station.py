@@ -33,7 +33,7 @@ from tools.simulator.angles import Angles
 EARTH = Earth.of(EarthBlock(latitude_deg=37.87))
 LEVER = (0.0918, 0.8221, 0.384)
 """The paper's, forward, left, up [m]."""
-STATION = TotalStationBlock(topic="/prism", position=(0, 0, 0), p_imu_prism=LEVER, point_std=0.002)
+STATION = TotalStationBlock(topic="/prism", position=(0, 0, 0), p_imu_prism=LEVER, point_std=0.002, time_offset_std=0)
 IMU = ImuBlock(
     topic="/imu", gyro_noise=1e-4, accel_noise=1e-3, gyro_bias_walk=2e-6, accel_bias_walk=5e-5,
     gyro_bias_std=5e-4, accel_bias_std=0.01,
@@ -195,6 +195,20 @@ def test_errors_agree_with_the_covariance() -> None:
             scaled["hidden" if k in hidden else "seen"].append(float(error @ np.linalg.solve(P, error)))
     for values in scaled.values():
         assert_allclose(np.mean(values) / DIM, 1.0, atol=0.35)
+
+
+@pytest.mark.parametrize("offset_s", [-0.1, 0.1])
+def test_a_clock_that_is_off_is_found_on_the_way(offset_s) -> None:
+    run, station = Run(1), STATION.model_copy(update={"time_offset_std": 0.1})
+    run.filter = InsTotalStationFilter(run.filter.state, run.filter.P, 0, IMU, station, EARTH, SETTINGS)
+    late = round(offset_s * RATE)
+    for k in range(0, len(DRIVE.stamps) - 40, 20):
+        run.go(k, k + 20)
+        of_then = DRIVE.fix(k + 20 + late, STATION.point_std * run.rng.normal(size=3))
+        run.filter.update(PrismFix(int(DRIVE.stamps[k + 20]), of_then.p_map))
+    error, std = DRIVE.state(k + 20, run.biases).boxminus(run.filter.state), np.sqrt(run.filter.covariance[-1, -1])
+    assert abs(run.filter.clock_offset - offset_s) < 0.01 and std < 0.01
+    assert np.linalg.norm(error[POSITION]) < 0.02
 
 
 def test_the_prism_in_sight_holds_the_position() -> None:

@@ -12,7 +12,7 @@ from maps.prior_map import PriorMap
 from semmap.errors import DatabaseError
 from semmap.geometry import inverse, se3_log
 from semmap.measurements import ImuSample, Scan, UwbRange, WheelSpeed
-from tools.simulator import SimulationSettings, default_rig, fly, scenario, simulate_measurements
+from tools.simulator import SensorFaults, SimulationSettings, default_rig, fly, scenario, simulate_measurements
 from tools.simulator.rigs import with_total_station, with_uwb
 
 FAR = np.array([431_000.0, 5_127_000.0, 1_200.0])
@@ -147,6 +147,21 @@ def test_total_station_alone_finds_the_map():
     result, _ = localize(rig, tuple(simulate_measurements(going)))
     assert result.trajectory.frame == "map"
     assert errors(result.trajectory, going.truth()).max() < 0.15
+
+
+@pytest.mark.parametrize("offset_s", [-0.3, 0.3])
+def test_a_total_station_whose_clock_is_off_puts_nothing_off(offset_s):
+    """From the first pose that is told, and with what was found in summary and events."""
+    it = mine("drift", 3)
+    rig = with_total_station(default_rig(), it.scenario.route_floor()[0] + [0.0, 0.0, 1.5])
+    faults = SensorFaults(prism_clock_s=-offset_s)
+    going = fly(it, rig=rig, settings=SimulationSettings(duration_s=30.0, faults=faults), seed=3)
+    result, _ = localize(rig, tuple(simulate_measurements(going)))
+    clock = result.summary["prism_clock_offset"]
+    assert abs(clock["offset_s"] - offset_s) < 4.0 * clock["std_s"] < 0.02
+    assert [e for e in result.events if e["kind"] == "prism_clock_off"]
+    assert errors(result.realtime, going.truth()).max() < 0.1
+    assert errors(result.trajectory, going.truth()).max() < 0.1
 
 
 def test_without_any_reference_the_frame_is_odom():
