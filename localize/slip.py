@@ -4,7 +4,8 @@ A slip of 20 % at 0.3 m/s is three sigmas of one reading, which happens; and a f
 nothing. So innovations are summed (CUSUM), and what the wheel did to the velocity since the first suspicion is taken
 back: the IMU carries it over. A slipping wheel is a wheel of another scale: while it slips, its scale is free, learnt
 from the speed that the IMU carries (and LiDAR or UWB where they hold it), and forgotten when the sums tell a step back
-to where the scale of before fits again. A wheel that spins or is locked is not heard until its speed fits. The
+to where the scale of before fits again, or, most slips being short, when what the wheel reads too much is gone by the
+speed that the IMU has carried since. A wheel that spins or is locked is not heard until its speed fits. The
 non-holonomic constraint holds in any case.
 """
 
