@@ -19,6 +19,10 @@ _BEYOND = 6.0
 """How far from its points a shape is believed, as the square of their standard deviations: 6 is the corner of an evenly
 filled square. Beyond it rock bends; and where a robot that moves off sees the floor line by line, slopes drawn out to
 the next line would carry one error on and on."""
+_STRIDE = 0.2
+"""Of a cell: how closely a way is looked at."""
+_GRAZING = 0.05
+"""Sine of the angle below which a way along rock is not one through it."""
 _BIAS = 1 << 20  # cells are numbered from -2^20 to 2^20 on each axis
 
 
@@ -168,6 +172,41 @@ def downsample(points, inverse_size, table, total, out):
     for c in range(m):
         out[c] /= total[c]
     return m
+
+
+@njit(cache=True)
+def crosses(begin, end, first, last, size, table, cells, hit):
+    """hit (n,): whether the straight way from begin to end (n, 3) goes through a plane, from ``first`` (n,) to ``last``
+    (n,) of it [m]."""
+    for i in range(len(begin)):
+        way = end[i] - begin[i]
+        way /= max(np.sqrt(np.sum(way**2)), 1e-9)
+        hit[i] = _crosses(begin[i], way, first[i], last[i], size, table, cells)
+
+
+@njit(cache=True)
+def _crosses(begin, way, first, last, size, table, cells):
+    for step in range(max(int((last - first) / (_STRIDE * size)) + 1, 0)):
+        at = first + _STRIDE * size * step
+        key = cell_key(begin[0] + at * way[0], begin[1] + at * way[1], begin[2] + at * way[2], 1.0 / size)
+        slot = slot_of(table, key)
+        if table[slot, 0] == EMPTY:
+            continue
+        cell = cells[table[slot, 1]]
+        if cell[ROWS] != 1.0:
+            continue
+        u, v, w = cell[AXES : AXES + 3], cell[AXES + 3 : AXES + 6], cell[AXES + 6 : AXES + 9]
+        slope = u[0] * way[0] + u[1] * way[1] + u[2] * way[2]
+        if abs(slope) < _GRAZING:
+            continue
+        x, y, z = begin[0] - cell[MEAN], begin[1] - cell[MEAN + 1], begin[2] - cell[MEAN + 2]
+        meets = -(u[0] * x + u[1] * y + u[2] * z) / slope
+        x, y, z = x + meets * way[0], y + meets * way[1], z + meets * way[2]
+        off2 = (cell[SCALE + 1] * (v[0] * x + v[1] * y + v[2] * z)) ** 2
+        off2 += (cell[SCALE + 2] * (w[0] * x + w[1] * y + w[2] * z)) ** 2
+        if first <= meets <= last and off2 < _BEYOND:
+            return True
+    return False
 
 
 @njit(cache=True, inline="always")

@@ -14,6 +14,8 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from semmap.geometry import Array, se3, yaw_rotation
 
+Hidden = Callable[[Array, Array], NDArray[np.bool_]]
+"""Between which tags and anchors (n, 3) there is rock (n,)."""
 _STARTS = 12
 """Headings from which the ranges' solver starts."""
 _STEPS = 60
@@ -139,7 +141,7 @@ def align_ranges(
     distances: Array,
     std: float,
     bias_std: float = 0.0,
-    hidden: Callable[[Array, Array], NDArray[np.bool_]] | None = None,
+    hidden: Hidden | None = None,
 ) -> Alignment | None:
     """Heading and translation from ranges (n,) of the tag at ``p_level`` (n, 3) to anchors (n, 3) in the map.
 
@@ -317,9 +319,7 @@ class _Ranges:
         )
 
 
-def _in_sight(
-    found: list[OptimizeResult], problem: _Ranges, middle: Array, hidden: Callable[[Array, Array], NDArray[np.bool_]]
-) -> list[OptimizeResult]:
+def _in_sight(found: list[OptimizeResult], problem: _Ranges, middle: Array, hidden: Hidden) -> list[OptimizeResult]:
     """The solutions that see the anchors whose ranges fit them."""
     shares = []
     for one in found:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from localize.features import curvature_features
 from localize.filter import ErrorStateFilter
@@ -24,6 +25,13 @@ come again and again and pass for planes."""
 _LEAN_WALK = 1e-4
 """How the map comes to lean as it grows, beyond what its planes' own errors make of it [rad/√m]. Gravity takes it back
 at once where speed is seen; along a smooth tunnel it passes for acceleration, and the slide grows with it."""
+
+
+_HUNG_M, _HUNG_SHARE = 0.5, 0.15
+"""So near to its ends, and in so much of it at the far end, nothing is in a range's way: tags sit on robots, anchors
+hang on rock, and one low on a wall is seen along the floor."""
+_SEEN_M = 200.0
+"""What lies farther along a range's way is not looked at: no LiDAR sees so far in a mine."""
 
 
 class Surface(NamedTuple):
@@ -105,6 +113,14 @@ class LocalMap:
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = _LEAN_WALK**2 * self._grown_m * (np.eye(3) - np.outer(up, up))
         return covariance
+
+    def hides(self, tags: Array, anchors: Array, T_odom_map: Array) -> NDArray[np.bool_]:
+        """Whether rock that was seen lies between tags and anchors (n, 3) in odom: what is heard came through it."""
+        T_map_odom = inverse(T_odom_map)
+        begin, end = transform(T_map_odom, tags), transform(T_map_odom, anchors)
+        metres = np.linalg.norm(end - begin, axis=1)
+        last = np.minimum(metres - np.maximum(_HUNG_M, _HUNG_SHARE * metres), _SEEN_M)
+        return self.planes.crosses(begin, end, np.full(len(begin), _HUNG_M), last)
 
     def extend(self, surfaces: list[Surface], filter: ErrorStateFilter) -> None:
         """Put a scan in at the filter's pose, if it is from another place than the last one."""

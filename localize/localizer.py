@@ -203,7 +203,6 @@ class Localizer:
             self._on_keyframe(pose.stamp_ns, pose.points)
         keyframe = self._keyframes.add(pose, self._track.unmoved)
         self._track.add_keyframe(keyframe, pose, self._links.of(pose))
-        self._sightings.see(keyframe)
         self._links.keyframe(pose)
         if self._own_frame and not any(leg.graph.anchored for leg in self._track.legs):
             self._track.stay()

@@ -306,7 +306,7 @@ class Odometry:
         """Whether the filter took it as knowledge of the place."""
         if isinstance(sighting, UwbRange):
             assert self.ranging is not None
-            verdict = self.ranging.take(sighting, self.filter)
+            verdict = self.ranging.take(sighting, self.filter, self.map)
             self.judged.append((sighting, verdict))
             return not verdict.refused
         assert self.prism is not None

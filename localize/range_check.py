@@ -19,7 +19,8 @@ class Verdict:
     """What the check says of a reading.
 
     refused : ``jump``: faster than the robot moves; ``long``: the way is blocked; ``short``: nonsense, or the robot is
-        elsewhere; ``probation``: agrees again, but not for long enough; empty where the reading is good.
+        elsewhere; ``probation``: agrees again, but not for long enough; ``rock``: fits, but came through rock that the
+        LiDAR has seen; empty where the reading is good.
     innovation : measured less predicted [m]. std : to weigh it with, larger for the odd ones [m].
     """
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from localize.filter import ErrorStateFilter
+from localize.local_map import LocalMap
 from localize.range_check import RangeCheck, Verdict
 from localize.settings import RangeSettings
+from localize.state import NavState
 from localize.tag_position import Ranges, TagFix, find_tag
 from localize.uwb import TagPosition, TagRange, tag_in_map
-from semmap.geometry import Array
+from semmap.geometry import Array, inverse, transform
 from semmap.measurements import UwbRange
 from semmap.rig import UwbBlock
 
@@ -38,8 +41,11 @@ class Ranging:
         self._off: list[tuple[UwbRange, float]] = []
         self._heard_ns: dict[int, int] = {}
 
-    def take(self, reading: UwbRange, filter: ErrorStateFilter) -> Verdict:
-        """Check a reading of a known anchor against the filter, at its own time, and let it in if it is good."""
+    def take(self, reading: UwbRange, filter: ErrorStateFilter, local_map: LocalMap | None = None) -> Verdict:
+        """Check a reading of a known anchor against the filter, at its own time, and let it in if it is good.
+
+        local_map : knows where there is rock: what came through it reads too long, be it by little.
+        """
         self._age(filter)
         filter.centre_odom()
         self._hear(reading, filter)
@@ -49,6 +55,8 @@ class Ranging:
         known = float(np.sqrt(max(0.0, model.predicted_variance(filter.state, filter.P))))
         bent = model.bent_variance(filter.state, filter.P)
         verdict = self.check.judge(reading, predicted, known, float(np.sqrt(std**2 + bent)))
+        if not verdict.refused and local_map is not None and hidden(model.p_map, filter.state, local_map):
+            verdict = replace(verdict, refused="rock")
         if not verdict.refused:
             weighed = TagRange(reading.anchor, model.p_map, reading.distance, verdict.std)
             filter.update(weighed, iterations=_ITERATIONS)
@@ -106,3 +114,10 @@ class Ranging:
         if self._aged_ns is not None:
             filter.age_biases(self.settings.bias_walk**2 * (filter.stamp_ns - self._aged_ns) * 1e-9)
         self._aged_ns = filter.stamp_ns
+
+
+def hidden(anchor: Array, state: NavState, local_map: LocalMap) -> bool:
+    """Whether rock lies between the tag and an ``anchor`` (3,) in the map."""
+    assert state.T_map_odom is not None
+    tag, anchor = transform(inverse(state.T_map_odom), np.array([tag_in_map(state), anchor]))
+    return bool(local_map.hides(tag[None], anchor[None], state.T_odom_map)[0])

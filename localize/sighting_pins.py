@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from localize.anchoring import Alignment
 from localize.journal import Journal
-from localize.keyframes import Keyframe
 from localize.odometry import Odometry, OdometryPose
 from localize.prism import Clock, PrismPosition, start_from
 from localize.ranging import Ranging
@@ -59,7 +59,8 @@ class SightingPins:
         """The odometry begins anew, wherever the robot is."""
         self._clock = self.clock
         self._odometry = odometry
-        self.sightings = Sightings(self.rig, self.settings.sightings, self._shift)
+        self.sightings = Sightings(self.rig, self.settings.sightings, self._shift, self._hidden)
+        self._T_odom_unmoved = np.eye(4)
 
     @property
     def _engine(self) -> Odometry | None:
@@ -90,18 +91,21 @@ class SightingPins:
         its_turn = self.sightings.add(measurement)
         return its_turn or (isinstance(measurement, PrismFix) and self.rig.total_station is not None and not shared)
 
-    def see(self, keyframe: Keyframe) -> None:
-        """Rock that a keyframe saw: no range comes through it."""
-        if self.rig.uwb is not None and not self._track.graph.anchored:
-            self.sightings.sight_lines.add(transform(keyframe.T_odom_imu, keyframe.points))
-
     def take(self, pose: OdometryPose) -> None:
         """What was sighted until a pose pins the track, or finds its place."""
+        self._T_odom_unmoved = pose.T_odom_imu @ inverse(self._track.unmoved)
         self._note_ranges()
         self._note_fixes()
         self._pin_or_align(pose)
         self._anchor_standing(pose)
         self._anchor_moving(pose)
+
+    def _hidden(self, tags: Array, anchors: Array) -> NDArray[np.bool_]:
+        """Between which tags and anchors (n, 3), in the odom that sightings come in, the LiDAR has seen rock."""
+        engine, T = self._engine, self._T_odom_unmoved
+        if engine is None or engine.map is None:
+            return np.zeros(len(tags), np.bool_)
+        return engine.map.hides(transform(T, tags), transform(T, anchors), engine.filter.state.T_odom_map)
 
     def _pin_or_align(self, pose: OdometryPose) -> None:
         sightings = self.sightings.reached(pose.stamp_ns, self._track.unmoved, pose.state.T_imu_tag[:3, 3], self.clock)
@@ -293,6 +297,10 @@ class SightingPins:
             return
         if sighting.anchor in self._anchors_that_are["blocked"]:
             self._journal.event(sighting.stamp_ns, "range_refused", **refused, why="blocked")
+            return
+        T_unmoved_map = self._track.leg.unmoved[index] @ inverse(graph.pose(index))
+        if pose is not None and not self.sightings.in_sight([sighting], inverse(T_unmoved_map)):
+            self._journal.event(sighting.stamp_ns, "range_refused", **refused, why="rock")
             return
         if sighting.anchor is None:
             variance = sighting.std**2 * sighting.alike + self.settings.graph.drift_position**2

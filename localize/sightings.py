@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from localize.anchoring import Alignment, align_fixes, align_ranges
-from localize.line_of_sight import SightLines
+from localize.anchoring import Alignment, Hidden, align_fixes, align_ranges
 from localize.moving_start import MovingPlace
 from localize.prism import Clock
 from localize.settings import SightingSettings
@@ -54,10 +53,11 @@ class Sightings:
     """Holds ranges and fixes until the odometry has come by, and aligns odom with the map from them.
 
     shift : (3,) subtracted from map coordinates, so that everything beyond works with small numbers.
+    hidden : tells of tags (n, 3) and anchors (n, 3), in the odom that sightings come in, between which there is rock.
     """
 
-    def __init__(self, rig: Rig, settings: SightingSettings, shift: Array) -> None:
-        self.rig, self.settings = rig, settings
+    def __init__(self, rig: Rig, settings: SightingSettings, shift: Array, hidden: Hidden) -> None:
+        self.rig, self.settings, self._hidden = rig, settings, hidden
         self._anchors = {i: p - shift for i, p in rig.uwb.anchor_positions().items()} if rig.uwb else {}
         self._shift = shift
         self._waiting: deque[tuple[UwbRange | PrismFix, float]] = deque()
@@ -73,8 +73,6 @@ class Sightings:
         """Whether the filter takes its part of ranges and fixes."""
         self._filters_last_ns: dict[int | None, int] = {}
         self._graph_had: dict[int | None, bool] = {}
-        self.sight_lines = SightLines()
-        """Rock that was seen, in the odom that sightings come in."""
 
     @property
     def anchors(self) -> dict[int, Array]:
@@ -239,7 +237,7 @@ class Sightings:
         if not ranges:
             return sightings
         at = transform(inverse(T_map_odom), np.array([sighting.p_map for sighting in ranges]))
-        blocked = self.sight_lines.blocked(np.array([sighting.p_odom for sighting in ranges]), at)
+        blocked = self._hidden(np.array([sighting.p_odom for sighting in ranges]), at)
         through = {id(sighting) for sighting, hit in zip(ranges, blocked, strict=True) if hit}
         return [sighting for sighting in sightings if id(sighting) not in through]
 
@@ -250,7 +248,7 @@ class Sightings:
         distances = np.array([r.distance for r in ranges])
 
         def hidden(tags: Array, anchors: Array) -> NDArray[np.bool_]:
-            return self.sight_lines.blocked(tags @ R_level_odom, anchors @ R_level_odom)
+            return self._hidden(tags @ R_level_odom, anchors @ R_level_odom)
 
         p_level, uwb = p_odom @ R_level_odom.T, self.rig.uwb
         return align_ranges(p_level, anchors, distances, uwb.range_std, uwb.bias_std, hidden)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localize import _numba_voxels as kernels
-from localize._numba_voxels import EMPTY, downsample, insert, point_to_shape, rehash
+from localize._numba_voxels import EMPTY, crosses, downsample, insert, point_to_shape, rehash
 from semmap.geometry import Array
 
 _MIN_POINTS = 6
@@ -137,6 +137,15 @@ class VoxelMap:
     def _of_kind(self, rows: int) -> Array:
         cells = self._cells[: self._used]
         return np.asarray(cells[cells[:, kernels.ROWS] == rows])
+
+    def crosses(self, begin: Array, end: Array, first: Array, last: Array) -> NDArray[np.bool_]:
+        """Whether straight ways go through a plane (n,), of which the normal and the points stand for a patch of rock.
+
+        begin, end : (n, 3) of the ways. first, last : (n,) between which distances from the begin it counts [m].
+        """
+        hit = np.empty(len(begin), np.bool_)
+        crosses(begin, end, first, last, self.size, self._table, self._cells, hit)
+        return hit
 
     def match(
         self, points: Array, T_map_imu: Array, T_imu_lidar: Array, *, noise: RangeNoise, gate: float

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from localize.anchoring import align_fixes, align_ranges
-from localize.line_of_sight import SightLines
+from localize.local_map import LocalMap
+from localize.settings import OdometrySettings
 from semmap.geometry import inverse, transform, yaw_rotation
+from semmap.rig import LidarBlock
 
 # the anchors of paper 000's experiment
 ANCHORS = np.array([[11.376, 1.694, 2.249], [16.678, 1.769, 2.247], [16.550, -1.453, 2.224], [11.510, -1.532, 0.115]])
@@ -155,9 +157,9 @@ def test_mirror_image_below_the_floor_is_told_by_the_rock_that_lies_between(seed
     at = ROOF[np.arange(len(p)) % 4]
     distances = np.linalg.norm(transform(T, p) - at, axis=1) + 0.05 * rng.normal(size=len(p))
     assert align_ranges(p, at, distances, 0.05) is None
-    lines = SightLines()
-    lines.add(floor_and_roof(T))
-    found = align_ranges(p, at, distances, 0.05, hidden=lines.blocked)
+    rock = LocalMap(LidarBlock(topic="/points", p_imu_lidar=(0.0, 0.0, 0.0)), OdometrySettings())
+    rock.planes.insert(floor_and_roof(T), np.eye(4))
+    found = align_ranges(p, at, distances, 0.05, hidden=lambda tags, anchors: rock.hides(tags, anchors, np.eye(4)))
     assert found is not None and found.sure(yaw_std=0.03, position_std=0.2)
     middle = p.mean(axis=0)[None]
     assert np.linalg.norm(transform(found.T_map_level, middle) - transform(T, middle)) < 4.0 * found.position_std

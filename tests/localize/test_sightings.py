@@ -16,9 +16,13 @@ RIG = Rig.model_validate(
 )
 
 
+def nothing_hidden(tags, anchors):
+    return np.zeros(len(tags), bool)
+
+
 def shares(rate_hz, seconds=10.0):
     """What goes to the filter, and to the graph as (stamp, alike), of readings of two anchors by turns."""
-    sightings = Sightings(RIG, SightingSettings(), np.zeros(3))
+    sightings = Sightings(RIG, SightingSettings(), np.zeros(3), nothing_hidden)
     sightings.shared = True
     filters, graphs = [], []
     for k in range(round(seconds * rate_hz)):
@@ -48,7 +52,7 @@ def test_a_moments_readings_count_as_one(rate_hz):
 
 def test_before_the_place_is_known_all_readings_are_kept_too_and_count_as_one_a_moment():
     """Those near the anchors, at the start, tell the most."""
-    sightings = Sightings(RIG, SightingSettings(), np.zeros(3))
+    sightings = Sightings(RIG, SightingSettings(), np.zeros(3), nothing_hidden)
     for k in range(100):
         assert not sightings.add(UwbRange(k * 100_000_000, 7, 5.0))
         sightings.reached(k * 100_000_000, np.eye(4))
@@ -62,7 +66,7 @@ def test_a_long_rest_does_not_end_the_search_for_the_place():
     rig = Rig.model_validate(
         {"imu": {"topic": "/imu"}, "uwb": {"topic": "/u", "p_imu_tag": [0, 0, 0], "anchors": anchors}}
     )
-    sightings, T = Sightings(rig, SightingSettings(window=60), np.zeros(3)), np.eye(4)
+    sightings, T = Sightings(rig, SightingSettings(window=60), np.zeros(3), nothing_hidden), np.eye(4)
     found, rng = [], np.random.default_rng(0)
     for k in range(600):
         p = np.array([max(0.0, 0.05 * (k - 400)), 0.4 * np.sin(0.05 * max(0, k - 400)), 0.0])

@@ -5,17 +5,18 @@ import pytest
 from scipy.stats import chi2
 
 from localize.filter import ErrorStateFilter, InertialTrack
+from localize.local_map import LocalMap
 from localize.motion import coast, follow
 from localize.range_check import RangeCheck
 from localize.ranging import Ranging
-from localize.settings import RangeSettings
+from localize.settings import OdometrySettings, RangeSettings
 from localize.state import BIASES_FROM, ERROR_DIM, GRAVITY, ODOM, POSITION, RANGE_SCALE, ROTATION, VELOCITY
 from localize.tag_locator import TagLocator
 from localize.tag_position import Ranges, TagFix, find_tag
 from localize.uwb import _COLUMNS, TagPosition, TagRange, Vertical, tag_in_map
-from semmap.geometry import se3, so3_exp
+from semmap.geometry import inverse, se3, so3_exp, transform
 from semmap.measurements import UwbRange
-from semmap.rig import ImuBlock, UwbBlock
+from semmap.rig import ImuBlock, LidarBlock, UwbBlock
 
 ANCHORS = {
     100: np.array([11.376, 1.694, 2.249]),
@@ -286,6 +287,22 @@ def test_blocked_ways_do_not_make_the_filter_doubt_itself(still):
         ).refused
     assert ranging.doubts == 0 and ranging.check.blocked == set(ANCHORS)
     np.testing.assert_allclose(tag_in_map(filter.state), true, atol=1e-9)
+
+
+def test_a_reading_that_fits_but_came_through_rock_is_not_used(still):
+    true = np.array([13.0, 0.3, 1.0])
+    filter = start(still, true, position_std=0.05, velocity_std=0.05)
+    ranging, before = Ranging(block(range_std=0.05), ANCHORS, RangeSettings()), filter.P.copy()
+    local_map = LocalMap(LidarBlock(topic="/points", p_imu_lidar=(0.0, 0.0, 0.0)), OdometrySettings())
+    y, z = np.meshgrid(np.arange(-3.0, 3.0, 0.1), np.arange(0.0, 4.0, 0.1))
+    wall = np.column_stack([np.full(y.size, 15.1), y.ravel(), z.ravel()])
+    T_map_local = filter.state.T_map_odom @ filter.state.T_odom_map
+    local_map.planes.insert(transform(inverse(T_map_local), wall), np.eye(4))
+    behind, before_it = ANCHORS[101], ANCHORS[100]
+    reading = UwbRange(0, 101, float(np.linalg.norm(true - behind)) + 0.1)
+    assert ranging.take(reading, filter, local_map).refused == "rock"
+    np.testing.assert_array_equal(filter.P[:ERROR_DIM, :ERROR_DIM], before[:ERROR_DIM, :ERROR_DIM])
+    assert not ranging.take(UwbRange(0, 100, float(np.linalg.norm(true - before_it))), filter, local_map).refused
 
 
 def test_fixes_one_after_another_follow_a_walk_with_odd_readings():
