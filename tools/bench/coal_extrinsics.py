@@ -71,10 +71,10 @@ def _coal_tunnel(seed: int) -> Flight:
 
 
 def _demo(seed: int) -> Flight:
-    motion = MotionSettings(speed=1.2, wobble_deg=4.0)
+    motion = MotionSettings(speed=1.2, wobble_deg=8.0)
     mine = scenario("demo", seed)
     rig = with_uwb_along(default_rig(), mine, mine.scenario.route_floor())
-    return fly(mine, rig=rig, settings=SimulationSettings(duration_s=80.0, rolling=True, motion=motion), seed=seed)
+    return fly(mine, rig=rig, settings=SimulationSettings(duration_s=160.0, rolling=True, motion=motion), seed=seed)
 
 
 DRIVES: dict[str, Callable[[int], Flight]] = {"coal-tunnel": _coal_tunnel, "demo": _demo}
