@@ -237,6 +237,9 @@ def test_a_run_that_diverges_ends_there() -> None:
 
 def test_an_unknown_system_is_named() -> None:
     assert known_systems("semmap,dlio,rko-lio:mine") == ["semmap", "dlio", "rko-lio:mine"]
+    assert known_systems("semmap:voxel_size=0.45+gate=3") == ["semmap:voxel_size=0.45+gate=3"]
+    with pytest.raises(SettingsError, match="voxel_size"):
+        known_systems("semmap:voxel_sise=0.45")
     with pytest.raises(SettingsError, match="rko-lia"):
         known_systems("rko-lia")
 

@@ -33,8 +33,9 @@ from semmap.geometry import Array
 from semmap.trajectory import Trajectory
 from tools.bench.odometry_cache import Recorded
 from tools.bench.odometry_errors import Consistency, Errors, consistency, drift_profile, errors, up_to
+from tools.bench.odometry_ours import settings_of
 from tools.bench.odometry_recordings import PLANS, recorded
-from tools.bench.odometry_run import OURS
+from tools.bench.odometry_run import OURS, is_ours
 from tools.bench.peers import PEERS
 from tools.files import write_text
 from tools.metrics import associate
@@ -107,7 +108,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--metres", type=float, help="record only so many metres")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
-        "--systems", default=DEFAULT_SYSTEMS, help=f"{OURS}, {', '.join(PEERS)}; each also as name:mine"
+        "--systems",
+        default=DEFAULT_SYSTEMS,
+        help=f"{OURS}, {', '.join(PEERS)}; each also as name:mine, {OURS} as {OURS}:setting=value+setting=value",
     )
     parser.add_argument("--cores", type=int, default=0, help="cores a system may use; 0: all")
     parser.add_argument("--peers-python", type=Path, default=Path(sys.executable))
@@ -121,7 +124,9 @@ def known_systems(text: str) -> list[str]:
     names = [f"{name}:{chosen}" for name, peer in PEERS.items() for chosen in peer.settings]
     known = {OURS, *PEERS, *names}
     for system in (wanted := text.split(",")):
-        if system not in known:
+        if is_ours(system):
+            settings_of(system.partition(":")[2])
+        elif system not in known:
             raise SettingsError(
                 f"does not know `{system}`", field="--systems", mend=f"known: {', '.join(sorted(known))}"
             )
@@ -133,7 +138,7 @@ def measured(system: str, recording: Recorded, options: argparse.Namespace) -> R
     stem = options.out / system.replace(":", "-")
     result, log = stem.with_suffix(".npz"), stem.with_suffix(".log")
     result.unlink(missing_ok=True)
-    command = [sys.executable if system == OURS else options.peers_python, "-m", "tools.bench.odometry_run"]
+    command = [sys.executable if is_ours(system) else options.peers_python, "-m", "tools.bench.odometry_run"]
     command += [
         recording.directory.resolve(),
         "--system",
@@ -289,7 +294,7 @@ def profile_tables(rows: list[Row]) -> list[Table]:
             left=0,
         )
         for row in rows
-        if row.system == OURS and row.profile
+        if is_ours(row.system) and row.profile
     ]
 
 

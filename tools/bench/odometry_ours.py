@@ -5,8 +5,10 @@ from __future__ import annotations
 from localize.odometry import OdometryPose
 from localize.settings import KeyframeSettings, OdometrySettings
 from localize.start import StartingOdometry
+from semmap.errors import SettingsError
 from semmap.measurements import ImuSample, Scan
 from semmap.rig import Rig
+from semmap.settings import validate
 from tools.bench.odometry_cache import Array, OrganisedScan, Recorded
 from tools.bench.peers import Estimate
 
@@ -14,10 +16,8 @@ from tools.bench.peers import Estimate
 class Ours:
     """The filter as `Localizer` runs it; a scan is used in the call that hands it over, since the IMU covers it."""
 
-    def __init__(self, recorded: Recorded) -> None:
-        self._odometry = StartingOdometry(
-            Rig.model_validate(recorded.about["rig"]), OdometrySettings(), KeyframeSettings()
-        )
+    def __init__(self, recorded: Recorded, settings: OdometrySettings) -> None:
+        self._odometry = StartingOdometry(Rig.model_validate(recorded.about["rig"]), settings, KeyframeSettings())
         self._new: list[OdometryPose] = []
 
     def imu(self, stamp_ns: int, gyro: Array, accel: Array) -> None:
@@ -33,3 +33,9 @@ class Ours:
     def estimates(self) -> list[Estimate]:
         new, self._new = self._new, []
         return [Estimate(pose.stamp_ns, pose.T_odom_imu, pose.covariance[:6, :6].copy()) for pose in new]
+
+
+def settings_of(chosen: str) -> OdometrySettings:
+    """Settings of the odometry from ``name=value`` pairs joined by ``+``. Raises `SettingsError`."""
+    values = dict(pair.partition("=")[::2] for pair in chosen.split("+") if pair)
+    return validate(OdometrySettings, values, file="--systems", error=SettingsError)

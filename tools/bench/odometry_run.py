@@ -21,6 +21,11 @@ from tools.bench.peers import PEERS, Estimate, System
 OURS = "semmap"
 
 
+def is_ours(system: str) -> bool:
+    """Whether it is semmap's own, whatever its settings."""
+    return system.partition(":")[0] == OURS
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recording", type=Path)
@@ -35,12 +40,13 @@ def main() -> None:
 
 
 def made(name: str, recorded: Recorded) -> System:
-    """A system by name: ``name`` or ``name:set`` of settings, `shipped` if no set is named."""
+    """A system by name: ``name`` or ``name:set`` of settings, `shipped` if no set is named; ours with its own,
+    ``semmap:voxel_size=0.45+scan_voxel=0.5``."""
     name, _, chosen = name.partition(":")
     if name == OURS:
-        from tools.bench.odometry_ours import Ours
+        from tools.bench.odometry_ours import Ours, settings_of
 
-        return Ours(recorded)
+        return Ours(recorded, settings_of(chosen))
     return PEERS[name].make(recorded, PEERS[name].settings[chosen or "shipped"])
 
 
