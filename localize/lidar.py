@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from localize._numba_update import columns_of
 from localize._numba_voxels import beyond_noise
 from localize.filter import Information
 from localize.state import LIDAR, MAP, POSITION, ROTATION, NavState
 from localize.voxel_map import RangeNoise, ShapeMatch, VoxelMap
-from semmap.geometry import Array, inverse, skew
+from semmap.geometry import Array, inverse
 
 _COLUMNS = np.r_[ROTATION, POSITION, LIDAR, MAP]
 VAGUE = np.diag(np.repeat([0.05**-2, 0.5**-2], 3))
@@ -129,15 +130,7 @@ def _columns_of(state: NavState) -> Array:
 
     A point is moved alike by the pose, by the LiDAR's place on the robot, and, the other way round, by the map.
     """
-    R, T_imu_lidar = state.R, state.T_imu_lidar
-    R_lidar_imu = T_imu_lidar[:3, :3].T
     J = np.zeros((18, 6))
-    J[:3, :3] = np.eye(3)
-    J[3:6, 3:] = R
-    J[6:9, :3] = R_lidar_imu
-    J[6:9, 3:] = -R_lidar_imu @ skew(T_imu_lidar[:3, 3])
-    J[9:12, 3:] = np.eye(3)
-    J[12:15, :3] = -R
-    J[12:15, 3:] = -skew(state.p - state.map_centre) @ R
-    J[15:18, 3:] = -R
+    R, T_imu_lidar = np.ascontiguousarray(state.R), np.ascontiguousarray(state.T_imu_lidar)
+    columns_of(R, T_imu_lidar, state.p - state.map_centre, J)
     return J

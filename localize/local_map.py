@@ -164,6 +164,12 @@ def renewed(renewal: Renewal, R_odom_map: Array, blind: Array) -> Array:
 
 
 def _positive(covariance: Array) -> Array:
-    """The nearest to a symmetric (n, n) that is a covariance."""
+    """The nearest to a symmetric (n, n) that is a covariance: most often itself."""
+    try:
+        np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        pass
+    else:
+        return covariance
     variances, axes = np.linalg.eigh(covariance)
     return np.asarray((axes * np.maximum(variances, 0.0)) @ axes.T)

@@ -214,8 +214,9 @@ class Odometry:
             match = self.map.match(surfaces, self.filter)
             self.map.extend(surfaces, self.filter)
         covariance = self.filter.covariance_since_clone()
-        T_keyframe_imu = self._since_keyframe(covariance)
-        keyframe = self._keyframe_rule()
+        way = inverse(self.filter.state.T_odom_clone) @ self.filter.state.T_odom_imu
+        T_keyframe_imu = self._since_keyframe(way, covariance)
+        keyframe = self._keyframe_rule(way)
         if keyframe and scan is not None:
             deskewed = track.deskew(scan.points, scan.offsets_ns, scan.stamp_ns, T_imu_lidar)
             deskewed = deskewed[Air(deskewed).clear] if dust else deskewed
@@ -224,33 +225,29 @@ class Odometry:
             T_keyframe_imu, covariance, match.information, dust,
         )  # fmt: skip
 
-    def _since_keyframe(self, covariance: Array) -> Array:
-        """Pose (4, 4) relative to the last keyframe.
+    def _since_keyframe(self, way: Array, covariance: Array) -> Array:
+        """Pose (4, 4) relative to the last keyframe, given the ``way`` from there by the filter and its ``covariance``.
 
         What odometry had slid before is no motion, when ranges, or the first rock after a smooth drift, tell of it:
         pose and last keyframe move together. What moves the keyframe by no more than the error of the way belongs to
         the way all the same: where scans hold the place, the keyframe was off by that.
         """
-        s = self.filter.state
         if self._T_odom_keyframe is None:
             return np.eye(4)
-        way = inverse(s.T_odom_clone) @ s.T_odom_imu
         if self._ranged:
             return way
-        odometrys = inverse(self._T_odom_keyframe) @ s.T_odom_imu
+        odometrys = inverse(self._T_odom_keyframe) @ self.filter.state.T_odom_imu
         moved = se3_log(inverse(way) @ odometrys)
         return odometrys if moved @ np.linalg.solve(covariance, moved) < _NO_MOTION else way
 
-    def _keyframe_rule(self) -> bool:
-        """Whether this pose is a keyframe (paper 004 Eq. 8, 9); the first is."""
-        s = self.filter.state
-        dT = inverse(s.T_odom_clone) @ s.T_odom_imu
-        moved = np.linalg.norm(dT[:3, 3]) > self.keyframes.distance
-        turned = rotation_angle(dT[:3, :3]) > self.keyframes.angle
+    def _keyframe_rule(self, way: Array) -> bool:
+        """Whether this pose, so far on its ``way``, is a keyframe (paper 004 Eq. 8, 9); the first is."""
+        moved = np.linalg.norm(way[:3, 3]) > self.keyframes.distance
+        turned = rotation_angle(way[:3, :3]) > self.keyframes.angle
         if not (moved or turned or self.keyframe_due or self._T_odom_keyframe is None):
             return False
         self.keyframe_due = False
-        self._T_odom_keyframe, self._ranged = s.T_odom_imu, False
+        self._T_odom_keyframe, self._ranged = self.filter.state.T_odom_imu, False
         self.filter.clone_pose()
         return True
 

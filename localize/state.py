@@ -157,6 +157,6 @@ def _move_about(centre: Array, moved: Array) -> Array:
 
 def _pose_plus(T: Array, delta: Array) -> Array:
     """``T`` itself where nothing moves it: mountings that are known exactly."""
-    if not delta.any():
+    if not any(delta.tolist()):
         return T
     return se3(T[:3, :3] @ so3_exp(delta[:3]), T[:3, 3] + delta[3:])

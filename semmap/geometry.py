@@ -92,6 +92,8 @@ def _one_so3_log(R: Array) -> Array:
 def so3_left_jacobian(theta: ArrayLike) -> Array:
     """Left Jacobian ``J`` of SO(3), ``Exp(θ + δ) ≈ Exp(J δ) Exp(θ)``; (..., 3) -> (..., 3, 3)."""
     theta = np.asarray(theta, dtype=np.float64)
+    if theta.ndim == 1:
+        return _one_left_jacobian(*theta.tolist())
     angle = np.linalg.norm(theta, axis=-1)[..., None, None]
     small = angle < _SMALL_ANGLE_RAD
     safe = np.where(small, 1.0, angle)
@@ -100,6 +102,23 @@ def so3_left_jacobian(theta: ArrayLike) -> Array:
     K = skew(theta)
     J: Array = np.eye(3) + b * K + c * (K @ K)
     return J
+
+
+def _one_left_jacobian(x: float, y: float, z: float) -> Array:
+    """The same for one vector, in plain numbers."""
+    angle2 = x * x + y * y + z * z
+    angle = sqrt(angle2)
+    if angle < _SMALL_ANGLE_RAD:
+        b, c = 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
+    else:
+        b, c = 2.0 * sin(0.5 * angle) ** 2 / angle2, (angle - sin(angle)) / (angle2 * angle)
+    return np.array(
+        [
+            [1.0 - c * (y * y + z * z), c * x * y - b * z, c * x * z + b * y],
+            [c * x * y + b * z, 1.0 - c * (x * x + z * z), c * y * z - b * x],
+            [c * x * z - b * y, c * y * z + b * x, 1.0 - c * (x * x + y * y)],
+        ]
+    )
 
 
 def se3(R: ArrayLike, p: ArrayLike) -> Array:
@@ -158,7 +177,7 @@ def adjoint(T: ArrayLike) -> Array:
 def rotation_angle(R: ArrayLike) -> Array:
     """Angle [rad] of rotation matrices (..., 3, 3), paper 004 Eq. 9."""
     R = np.asarray(R, dtype=np.float64)
-    trace = np.trace(R, axis1=-2, axis2=-1)
+    trace = R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2]
     return np.asarray(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)))
 
 

@@ -65,5 +65,5 @@ def test_what_moves_the_last_keyframe_too_is_motion_only_within_the_error_of_the
     start = ErrorStateFilter(state, np.eye(ERROR_DIM), 0, rig.imu)
     engine = Odometry(rig, OdometrySettings(), KeyframeSettings(), start)
     engine._T_odom_keyframe = first
-    way = engine._since_keyframe(np.diag(np.repeat([0.001, 0.003], 3) ** 2))
+    way = engine._since_keyframe(step, np.diag(np.repeat([0.001, 0.003], 3) ** 2))
     np.testing.assert_allclose(way, inverse(first) @ moved @ first @ step if is_motion else step, atol=1e-12)
