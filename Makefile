@@ -16,7 +16,7 @@ test: lint
 	$(BIN)/python -m pytest
 
 test-slow: setup-dev
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -n 0 -m slow
 
 lint: setup-dev
 	$(BIN)/ruff check --no-cache .
