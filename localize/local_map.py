@@ -22,6 +22,8 @@ _BEAM_STD = 0.002
 _STEP_M, _STEP_RAD = 0.1, 0.05
 """A scan from nearer than this to the last mapped one is not mapped: from one place, the same few lines of rock would
 come again and again and pass for planes."""
+_SETTLED = 2e-3
+"""A step of an update below this [rad, m] is the last: what the next would mend is of its second order."""
 _LEAN_WALK = 1e-4
 """How the map comes to lean as it grows, beyond what its planes' own errors make of it [rad/√m]. Gravity takes it back
 at once where speed is seen; along a smooth tunnel it passes for acceleration, and the slide grows with it."""
@@ -93,7 +95,7 @@ class LocalMap:
         if len(self.planes):
             filter.centre_map()
             self._age(model, filter)
-            filter.update(model, iterations=s.iterations)
+            filter.update(model, iterations=s.iterations, tolerance=_SETTLED)
             self._blind = model.blind
         return ScanMatch(model.matched, sum(len(part.points) for part in parts), model.pose_information)
 

@@ -217,7 +217,7 @@ class Odometry:
         way = inverse(self.filter.state.T_odom_clone) @ self.filter.state.T_odom_imu
         T_keyframe_imu = self._since_keyframe(way, covariance)
         keyframe = self._keyframe_rule(way)
-        if keyframe and scan is not None:
+        if keyframe and scan is not None and len(deskewed) < len(scan.points):
             deskewed = track.deskew(scan.points, scan.offsets_ns, scan.stamp_ns, T_imu_lidar)
             deskewed = deskewed[Air(deskewed).clear] if dust else deskewed
         return OdometryPose(
