@@ -36,6 +36,10 @@ _SEEN_M = 200.0
 """What lies farther along a range's way is not looked at: no LiDAR sees so far in a mine."""
 
 
+_LEVER_M = 10.0
+"""At which a turn of the map counts as a move: as `VAGUE` has it."""
+
+
 class Surface(NamedTuple):
     """The points of one scan (n, 3), in the lidar frame at its end, that belong to one voxel map."""
 
@@ -67,6 +71,12 @@ class LocalMap:
         shapes = Shapes.PLANES_AND_EDGES if settings.features == "eigenvalues" else Shapes.PLANES
         self.planes = VoxelMap(settings.voxel_size, max_points=settings.voxel_points, shapes=shapes)
         self.edges = VoxelMap(settings.voxel_size, max_points=settings.voxel_points, shapes=Shapes.EDGES)
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin anew, with nothing: the filter has dropped what the map was built by."""
+        self.planes.clear()
+        self.edges.clear()
         self._T_odom_last: Array | None = None
         self._grown_m = 0.0
         self._old: Array | None = None
@@ -153,16 +163,24 @@ def renewed(renewal: Renewal, R_odom_map: Array, blind: Array) -> Array:
     """How much of the map is new (6, 6), by direction, 0 to 1, in the axes of odom.
 
     In a tunnel whose walls are known, the first rock ahead is all that tells of the way along it, and it is new though
-    hardly any of the map is. Along ``blind`` directions (6, m), orthonormal, all is new: what a later scan will find
-    there is what is put in now.
+    hardly any of the map is. Along ``blind`` directions (6, m) all is new: what a later scan will find there is what is
+    put in now. The directions are those that the map knows best and least, square to one another with turns as metres
+    at `_LEVER_M`: so no step makes more of an error than it is, and neither do many, be there ever so few shapes.
     """
+    in_metres = np.repeat([1.0 / _LEVER_M, 1.0], 3)
     G = np.zeros((6, 6))
     G[:3, :3] = G[3:, 3:] = R_odom_map
+    G = in_metres[:, None] * G
     A, new = G @ (renewal.A + VAGUE) @ G.T, G @ (renewal.new + VAGUE) @ G.T
-    if not blind.size:
-        return np.asarray(np.linalg.solve(A, new))
-    seen = np.linalg.svd(blind)[0][:, blind.shape[1] :]
-    return np.asarray(blind @ blind.T + seen @ np.linalg.solve(seen.T @ A @ seen, seen.T @ new @ seen) @ seen.T)
+    U = np.eye(6)
+    if blind.size:
+        U = np.linalg.svd(blind / in_metres[:, None])[0]
+    blind, seen = U[:, : blind.shape[1]], U[:, blind.shape[1] :]
+    strength, axes = np.linalg.eigh(seen.T @ A @ seen)
+    axes = seen @ axes
+    # what the noise of normals pretends to tell may be more than all that is known
+    share = np.minimum(np.sum(axes * (new @ axes), axis=0) / strength, 1.0)
+    return np.asarray(in_metres[:, None] * ((axes * share) @ axes.T + blind @ blind.T) / in_metres)
 
 
 def _positive(covariance: Array) -> Array:

@@ -193,6 +193,8 @@ class SightingPins:
             T_map_odom = align_moving(now, state.T_odom_imu, R_level_odom) @ se3(R_level_odom, np.zeros(3))
             self._share(engine, T_map_odom, np.zeros((6, 6)))
             start_from(engine.filter, now.state, now.clock_offset, 4.0 * now.P)
+            if engine.map is not None:
+                engine.map.begin()
         self._found(pose, by)
 
     def _found(self, pose: OdometryPose, by: str) -> None:

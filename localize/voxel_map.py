@@ -72,6 +72,10 @@ class VoxelMap:
 
     def __init__(self, size: float, *, max_points: int, shapes: Shapes = Shapes.PLANES) -> None:
         self.size, self.max_points, self.shapes = size, max_points, shapes
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
         self._table = np.full((1 << 16, 2), EMPTY, np.int64)
         self._allocate(1 << 15)
         self._used = 0

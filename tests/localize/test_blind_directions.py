@@ -156,6 +156,24 @@ def test_the_first_rock_ahead_is_new_though_hardly_any_of_the_map_is(rng):
     assert share[3] > 0.9 and (share[4:] < 0.35).all()
 
 
+@pytest.mark.parametrize("blind", [0, 1, 3])
+def test_however_little_the_map_knows_no_step_makes_more_of_its_error(rng, blind):
+    """In dust there are a few shapes of a few points: what their normals' noise pretends to tell is more than all."""
+    in_metres = np.repeat([10.0, 1.0], 3)
+    error, square = np.eye(6), []
+    for _ in range(200):
+        told, noise = 30.0 * rng.normal(size=(3, 6)), 100.0 * rng.normal(size=(3, 6))
+        renewal = Renewal(told.T @ told, 0.2 * told.T @ told + noise.T @ noise)
+        directions = np.linalg.qr(rng.normal(size=(6, max(blind, 1))))[0][:, :blind]
+        new = in_metres[:, None] * renewed(renewal, so3_exp(rng.normal(size=3)), directions) / in_metres
+        share = np.linalg.eigvalsh(new)
+        np.testing.assert_allclose(new, new.T, atol=1e-9)
+        assert share.min() > -1e-9 and share.max() < 1.0 + 1e-9
+        error = (np.eye(6) - new) @ error
+        square.append(np.linalg.norm(error, 2))
+    assert max(square) <= 1.0 + 1e-9
+
+
 def _apart(P):
     """Covariance (3, 3) of the pose's place less the map's."""
     J = np.zeros((3, ERROR_DIM))

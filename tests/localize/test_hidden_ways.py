@@ -55,3 +55,13 @@ def test_nothing_seen_or_asked_hides_nothing_and_a_long_way_ends():
     assert not hides(np.zeros((0, 3)), np.zeros((2, 3)), [[0.0, 0.0, 0.0], [1e9, 0.0, 0.0]]).any()
     assert hides(wall(5.0), np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)
     np.testing.assert_array_equal(hides(wall(5.0), [[0.0, 0.0, 1.0]], [[1e9, 0.0, 1.0]]), [True])
+
+
+def test_a_map_begun_anew_hides_nothing_and_fills_again():
+    local_map = LocalMap(LidarBlock(topic="/points", p_imu_lidar=(0.0, 0.0, 0.0)), OdometrySettings())
+    way = np.array([[0.0, 0.0, 1.0]]), np.array([[9.0, 0.0, 1.0]]), np.eye(4)
+    for _ in range(2):
+        local_map.planes.insert(wall(5.0), np.eye(4))
+        assert local_map.hides(*way).all()
+        local_map.begin()
+        assert len(local_map.planes) == 0 and not local_map.hides(*way).any()
