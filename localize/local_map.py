@@ -19,9 +19,9 @@ from semmap.rig import LidarBlock
 
 _BEAM_STD = 0.002
 """Direction of a beam: half its divergence, as data sheets give it [rad]."""
-_STEP_M, _STEP_RAD = 0.1, 0.05
+_STEP_M, _STEP_RAD = 0.35, 0.05
 """A scan from nearer than this to the last mapped one is not mapped: from one place, the same few lines of rock would
-come again and again and pass for planes."""
+come again and again and pass for planes; and scans that follow closely lie off alike."""
 _SETTLED = 2e-3
 """A step of an update below this [rad, m] is the last: what the next would mend is of its second order."""
 _LEAN_WALK = 1e-4
