@@ -20,8 +20,11 @@ from semmap.rig import LidarBlock
 _BEAM_STD = 0.002
 """Direction of a beam: half its divergence, as data sheets give it [rad]."""
 _STEP_M, _STEP_RAD = 0.35, 0.05
-"""A scan from nearer than this to the last mapped one is not mapped: from one place, the same few lines of rock would
-come again and again and pass for planes; and scans that follow closely lie off alike."""
+"""A scan from nearer than this to the last mapped one is not mapped: scans that follow closely lie off alike."""
+_BLIND_STEP_M, _BLIND_FOR_M = 0.1, 20.0
+"""The same where a scan was blind along a direction, and for so long after: what first shows there is met as soon as it
+is mapped, and more often than it is mapped its error would be taken for so many. From still nearer the same few lines
+of rock would come again and again and pass for planes."""
 _SETTLED = 2e-3
 """A step of an update below this [rad, m] is the last: what the next would mend is of its second order."""
 _LEAN_WALK = 1e-4
@@ -78,6 +81,7 @@ class LocalMap:
         self.planes.clear()
         self.edges.clear()
         self._T_odom_last: Array | None = None
+        self._since_blind_m = np.inf
         self._grown_m = 0.0
         self._old: Array | None = None
         """What the map keeps of its error since a scan last told how far its shapes are off (6, 6); None if all."""
@@ -107,6 +111,8 @@ class LocalMap:
             self._age(model, filter)
             filter.update(model, iterations=s.iterations, tolerance=_SETTLED)
             self._blind = model.blind
+            if model.blind.size:
+                self._since_blind_m = 0.0
         return ScanMatch(model.matched, sum(len(part.points) for part in parts), model.pose_information)
 
     def _age(self, model: ScanToMap, filter: ErrorStateFilter) -> None:
@@ -140,9 +146,11 @@ class LocalMap:
         if self._T_odom_last is not None:
             moved = inverse(self._T_odom_last) @ T
             step_m = float(np.linalg.norm(moved[:3, 3]))
-            if step_m < _STEP_M and rotation_angle(moved[:3, :3]) < _STEP_RAD:
+            least_m = _STEP_M if self._since_blind_m > _BLIND_FOR_M else _BLIND_STEP_M
+            if step_m < least_m and rotation_angle(moved[:3, :3]) < _STEP_RAD:
                 return
             self._grown_m += step_m
+            self._since_blind_m += step_m
         self._T_odom_last = T
         T_map_odom = inverse(filter.state.T_odom_map)
         T_map_lidar = T_map_odom @ T @ filter.state.T_imu_lidar
