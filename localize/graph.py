@@ -15,7 +15,8 @@ _ANY_TURN_RAD = 10.0
 _EXACT = 1e-4
 """Of what is so by definition [rad, m]."""
 _SHARED = 5.0
-"""Keyframes share the error of the vertical: each counts as if it were so many times as large."""
+"""Keyframes share the error of the vertical: from this number on each counts as if it were so many times as large,
+those before by their number, so that the first has it whole. Else fixes along the first metre would tilt the track."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +69,8 @@ class PoseGraph:
         ``covariance`` (6, 6) is that of the relative pose; the first keyframe's is not used.
         """
         self._up_imu.append(T_odom_imu[:3, :3].T @ up_odom)
-        self._up_std.append(min(self.settings.vertical_std, _SHARED * up_std))
+        shared = min(_SHARED, len(self._up_std) + 1.0)
+        self._up_std.append(min(self.settings.vertical_std, shared * up_std))
         if self._T_odom:
             link = _RelativePose(T_before_imu, covariance)
             self._links.append(link)

@@ -277,7 +277,7 @@ class SightingPins:
 
     def _pin(self, sighting: Sighting, pose: OdometryPose | None, at_once: int = 1) -> None:
         """A range or fix as a factor on the keyframe before it; with the ``pose`` it came by, if it fits; or one of so
-        many ``at_once``."""
+        many ``at_once``, which share the errors of way and clock."""
         graph, at = self._track.graph, self._track.at
         index, p_imu, way = self._from_keyframe(sighting, pose)
         predicted = transform(graph.pose(index), p_imu[None])[0]
@@ -307,7 +307,8 @@ class SightingPins:
         if sighting.anchor is None:
             variance = sighting.std**2 * sighting.alike + self.settings.graph.drift_position**2
             by_clock = max(at_once, _ONE_CLOCK) * np.outer(along, along)
-            graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3) + R @ way @ R.T + by_clock)
+            by_way = at_once * (R @ way @ R.T)
+            graph.pin_position(index, p_imu, sighting.p_map, variance * np.eye(3) + by_way + by_clock)
         else:
             noise = sighting.std * np.sqrt(sighting.alike)
             graph.pin_range(index, p_imu, sighting.anchor, sighting.p_map, distance, noise)
@@ -334,14 +335,21 @@ class SightingPins:
 
     def _from_keyframe(self, sighting: Sighting, pose: OdometryPose | None) -> tuple[int, Array, Array]:
         """The keyframe before a sighting, the sighted point (3,) in its axes, and what the way from there is off by:
-        (3, 3), for a fix that came with the newest scan."""
+        (3, 3), for a fix; of a range it is little beside the noise."""
         stamps = [stamp for stamp, _ in self._track.keyframes]
         index = max(0, int(np.searchsorted(stamps, sighting.stamp_ns, side="right")) - 1)
         p_imu = transform(inverse(self._track.leg.unmoved[index]), sighting.p_odom[None])[0]
-        if pose is None or sighting.anchor is not None or index != len(stamps) - 1 - pose.keyframe:
+        if sighting.anchor is not None:
             return index, p_imu, np.zeros((3, 3))
-        R = pose.T_keyframe_imu[:3, :3]
-        return index, p_imu, R @ pose.since_keyframe[3:, 3:] @ R.T
+        if pose is not None and index == len(stamps) - 1 - pose.keyframe:
+            T_keyframe_imu, covariance = pose.T_keyframe_imu, pose.since_keyframe
+        elif index + 1 < len(stamps):
+            # that of the whole way to the next keyframe, which is no less
+            T_keyframe_imu, covariance = self._track.graph.link(index + 1)
+        else:
+            return index, p_imu, np.zeros((3, 3))
+        R = T_keyframe_imu[:3, :3]
+        return index, p_imu, R @ covariance[3:, 3:] @ R.T
 
     def _true_distance(self, sighting: Sighting) -> float:
         """As the filter has come to know the radios."""
