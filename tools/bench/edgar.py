@@ -78,22 +78,13 @@ class Found:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--map", type=Path, help="the database; without it, the flight without a map")
-    parser.add_argument("--mesh", type=Path)
-    parser.add_argument("--route", type=Path)
-    parser.add_argument("--recording", default="mesh", help="one of `tools.bench.odometry`")
-    parser.add_argument("--cache", type=Path, default=Path("bench_recordings"))
-    parser.add_argument("--metres", type=float)
-    parser.add_argument("--seed", type=int, default=1)
+    recording_arguments(parser)
     parser.add_argument("--starts", type=int, default=0, help="random starts instead of the whole flight")
     parser.add_argument("--metres-at-most", type=float, default=400.0, help="flown from each start")
     parser.add_argument("--beside", nargs="+", default=[], metavar="NAME=FILE", help="only rows of other systems")
     parser.add_argument("--out", type=Path, default=Path("bench_edgar"))
     options = parser.parse_args()
-    with progress_bar("simulating") as advance:
-        flight = recorded(
-            options.recording, options.cache, mesh=options.mesh, route=options.route, metres=options.metres,
-            seed=options.seed, progress=advance,
-        )  # fmt: skip
+    flight = recording_of(options)
     options.out.mkdir(parents=True, exist_ok=True)
     if options.beside:
         _tell_others(dict(pair.split("=", 1) for pair in options.beside), Trajectory("map", *flight.truth()))
@@ -104,6 +95,25 @@ def main() -> None:
         _tell_starts(found, options.out)
     else:
         _tell_flight(flight, database.load(options.map), options.out)
+
+
+def recording_arguments(parser: argparse.ArgumentParser) -> None:
+    """What says which recording is flown, for `recording_of`."""
+    parser.add_argument("--mesh", type=Path)
+    parser.add_argument("--route", type=Path)
+    parser.add_argument("--recording", default="mesh", help="one of `tools.bench.odometry`")
+    parser.add_argument("--cache", type=Path, default=Path("bench_recordings"))
+    parser.add_argument("--metres", type=float)
+    parser.add_argument("--seed", type=int, default=1)
+
+
+def recording_of(options: argparse.Namespace) -> Recorded:
+    """The recording that the arguments name, simulated if it is not in the cache."""
+    with progress_bar("simulating") as advance:
+        return recorded(
+            options.recording, options.cache, mesh=options.mesh, route=options.route, metres=options.metres,
+            seed=options.seed, progress=advance,
+        )  # fmt: skip
 
 
 def measurements(flight: Recorded, first: int = 0) -> Iterator[Measurement]:

@@ -29,11 +29,9 @@ from semmap import database
 from semmap.intersections import SemanticMap
 from semmap.measurements import ImuSample, Measurement, Scan
 from semmap.rig import Rig
-from tools.bench.edgar import measurements
+from tools.bench.edgar import measurements, recording_arguments, recording_of
 from tools.bench.odometry_cache import Recorded
-from tools.bench.odometry_recordings import recorded
 from tools.files import write_text
-from tools.progress import progress_bar
 from tools.tables import text_table
 
 BY_KEYFRAMES = 1000
@@ -65,20 +63,11 @@ class Stopwatch:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--map", type=Path, required=True, help="the database")
-    parser.add_argument("--mesh", type=Path)
-    parser.add_argument("--route", type=Path)
-    parser.add_argument("--recording", default="mesh", help="one of `tools.bench.odometry`")
-    parser.add_argument("--metres", type=float)
-    parser.add_argument("--seed", type=int, default=1)
+    recording_arguments(parser)
     parser.add_argument("--seconds", type=float, default=60.0, help="at its own pace, twice each")
-    parser.add_argument("--cache", type=Path, default=Path("bench_recordings"))
     parser.add_argument("--out", type=Path, default=Path("bench_times"))
     options = parser.parse_args()
-    with progress_bar("simulating") as advance:
-        flight = recorded(
-            options.recording, options.cache, mesh=options.mesh, route=options.route, metres=options.metres,
-            seed=options.seed, progress=advance,
-        )  # fmt: skip
+    flight = recording_of(options)
     there = database.load(options.map)
     rows = [*replayed(flight, there), *at_its_pace(flight, there, options.seconds)]
     Console().print(text_table(HEAD, [[str(cell) for cell in row.values()] for row in rows]))
