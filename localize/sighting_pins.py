@@ -300,8 +300,8 @@ class SightingPins:
         if sighting.anchor in self._anchors_that_are["blocked"]:
             self._journal.event(sighting.stamp_ns, "range_refused", **refused, why="blocked")
             return
-        T_unmoved_map = self._track.leg.unmoved[index] @ inverse(graph.pose(index))
-        if pose is not None and not self.sightings.in_sight([sighting], inverse(T_unmoved_map)):
+        T_map_unmoved = graph.pose(index) @ inverse(self._track.leg.unmoved[index])
+        if pose is not None and not self.sightings.in_sight([sighting], T_map_unmoved):
             self._journal.event(sighting.stamp_ns, "range_refused", **refused, why="rock")
             return
         if sighting.anchor is None:
@@ -322,7 +322,7 @@ class SightingPins:
         engine, station = self._engine, self.rig.total_station
         if pose is None or engine is None or station is None or engine.filter.state.T_map_odom is None:
             return off, std
-        T_map_unmoved = engine.filter.state.T_map_odom @ pose.T_odom_imu @ inverse(self._track.unmoved)
+        T_map_unmoved = engine.filter.state.T_map_odom @ self._T_odom_unmoved
         predicted = transform(T_map_unmoved, fix.p_odom[None])[0]
         model = PrismPosition(fix.p_map, PointPath.fixed(np.array(station.p_imu_prism)), fix.std)
         off = float(np.linalg.norm(predicted - fix.p_map))
