@@ -388,15 +388,16 @@ def point_to_shape(
 
 
 @njit(cache=True)
-def beyond_noise(A, b, B, C, blind_from, blind):
+def beyond_noise(A, b, B, C, blind_from, doubt):
     """A (6, 6), b (6,) and B (6, 6) of `point_to_shape` without what C explains, in place; see `localize.lidar`.
 
     Rotation and position each for themselves: along a direction in which a share γ of A comes from C, b is multiplied
     by ``1 - γ``, and A and B by its square. Both fade, as the number of points does, to nothing where γ comes to
-    ``blind_from``. blind (6, 6): unit columns along directions in which it is as much and more; the others are 0.
+    ``blind_from``. doubt (6, 6): columns along these directions, as long as noise is to knowledge, ``γ / (1 - γ)``, and
+    of length 1 where nothing is left.
     """
     T, Tb, W, share, V = np.zeros((6, 6)), np.zeros((6, 6)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
-    blind[:, :] = 0.0
+    doubt[:, :] = 0.0
     for first in (0, 3):
         block = slice(first, first + 3)
         # whitened by A: W A Wᵀ = 1, rows of W
@@ -415,8 +416,8 @@ def beyond_noise(A, b, B, C, blind_from, blind):
                     kept = left * known[i, row] * directions[i, column]
                     T[first + row, first + column] += np.sqrt(counts) * kept
                     Tb[first + row, first + column] += counts * kept
-            if counts == 0.0:
-                blind[block, first + i] = directions[i] / np.sqrt(np.sum(directions[i] ** 2))
+            odds = share[i] / left if counts > 0.0 else 1.0
+            doubt[block, first + i] = odds / np.sqrt(np.sum(directions[i] ** 2)) * directions[i]
     A[:, :] = T @ A @ T.T
     b[:] = Tb @ b
     B[:, :] = T @ B @ T.T

@@ -44,7 +44,9 @@ class ScanToMap:
     correlation : how many points share one error beyond that of their plane; divides the information.
     min_matches : fewer say nothing.
     pose_information : (6, 6) of the last linearization, over rotation and position of the imu in its own axes.
-    blind : (6, m) after `linearize`: unit directions, rotation first, in the imu's axes, that the scan says nothing of.
+    doubt : (6, 6) after `linearize`: directions as columns, rotation first, in the imu's axes, as long as noise is to
+        knowledge along each, 1 at the most.
+    blind : (6, m) unit directions that span those in which it is, of which the scan says nothing.
     """
 
     parts: Sequence[ScanPart]
@@ -55,6 +57,7 @@ class ScanToMap:
     matched: int = field(default=0, init=False)
     pose_information: Array | None = field(default=None, init=False)
     blind: Array = field(default_factory=lambda: np.zeros((6, 0)), init=False)
+    doubt: Array = field(default_factory=lambda: np.zeros((6, 6)), init=False)
     _at: NavState | None = field(default=None, init=False)
     _met: list[ShapeMatch] = field(default_factory=list, init=False)
 
@@ -63,7 +66,8 @@ class ScanToMap:
         if self.matched < self.min_matches:
             return None
         J = _columns_of(state)
-        A, b, _, self.blind = _beyond_noise(matches)
+        A, b, _, self.doubt = _beyond_noise(matches)
+        self.blind = _whole(self.doubt)
         self.pose_information = A / self.correlation
         return Information(
             J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS,
@@ -99,12 +103,12 @@ class ScanToMap:
 
 
 class _Knowledge(NamedTuple):
-    """What a scan knows: A, b and B as in `ShapeMatch`; and orthonormal directions (6, m) that it knows nothing of."""
+    """What a scan knows: A, b and B as in `ShapeMatch`; and the ``doubt`` (6, 6) of `beyond_noise`."""
 
     A: Array
     b: Array
     B: Array
-    blind: Array
+    doubt: Array
 
 
 def _beyond_noise(matches: Sequence[ShapeMatch]) -> _Knowledge:
@@ -117,12 +121,15 @@ def _beyond_noise(matches: Sequence[ShapeMatch]) -> _Knowledge:
     each for themselves, so that a well known attitude does not lend its knowledge to the axis.
     """
     A, b, B, C = (np.asarray(sum(getattr(match, name) for match in matches)) for name in ("A", "b", "B", "C"))
-    blind = np.empty((6, 6))
-    beyond_noise(A, b, B, C, _BLIND_FROM, blind)
-    if not blind.any():
-        return _Knowledge(A, b, B, np.zeros((6, 0)))
-    U, size, _ = np.linalg.svd(blind)
-    return _Knowledge(A, b, B, U[:, size > 1e-6])
+    doubt = np.empty((6, 6))
+    beyond_noise(A, b, B, C, _BLIND_FROM, doubt)
+    return _Knowledge(A, b, B, doubt)
+
+
+def _whole(doubt: Array) -> Array:
+    """Unit directions (6, m) that span the columns of length 1."""
+    blind = doubt[:, np.sum(doubt**2, axis=0) > 1.0 - 1e-9]
+    return np.linalg.svd(blind)[0][:, : blind.shape[1]] if blind.size else blind
 
 
 def _columns_of(state: NavState) -> Array:

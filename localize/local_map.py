@@ -85,7 +85,7 @@ class LocalMap:
         self._grown_m = 0.0
         self._old: Array | None = None
         """What the map keeps of its error since a scan last told how far its shapes are off (6, 6); None if all."""
-        self._blind = np.zeros((6, 0))
+        self._doubt = np.zeros((6, 6))
 
     def surfaces(self, scan: Scan, deskewed: Array) -> list[Surface]:
         """What of a scan's points, ``deskewed`` (n, 3), goes where.
@@ -110,7 +110,7 @@ class LocalMap:
             filter.centre_map()
             self._age(model, filter)
             filter.update(model, iterations=s.iterations, tolerance=_SETTLED)
-            self._blind = model.blind
+            self._doubt = model.doubt
             if model.blind.size:
                 self._since_blind_m = 0.0
         return ScanMatch(model.matched, sum(len(part.points) for part in parts), model.pose_information)
@@ -160,35 +160,42 @@ class LocalMap:
             renewal = voxels.insert(points, T_map_lidar, centre)
             if voxels is self.planes:
                 R_odom_imu = filter.state.R
-                blind = np.concatenate([R_odom_imu @ self._blind[:3], R_odom_imu @ self._blind[3:]])
-                new = renewed(renewal, filter.state.T_odom_map[:3, :3], blind)
+                doubt = np.concatenate([R_odom_imu @ self._doubt[:3], R_odom_imu @ self._doubt[3:]])
+                new = renewed(renewal, filter.state.T_odom_map[:3, :3], doubt)
                 filter.extend_map(new)
                 old = np.eye(6) - new
                 self._old = old if self._old is None else old @ self._old
 
 
-def renewed(renewal: Renewal, R_odom_map: Array, blind: Array) -> Array:
+def renewed(renewal: Renewal, R_odom_map: Array, doubt: Array) -> Array:
     """How much of the map is new (6, 6), by direction, 0 to 1, in the axes of odom.
 
     In a tunnel whose walls are known, the first rock ahead is all that tells of the way along it, and it is new though
-    hardly any of the map is. Along ``blind`` directions (6, m) all is new: what a later scan will find there is what is
-    put in now. The directions are those that the map knows best and least, square to one another with turns as metres
-    at `_LEVER_M`: so no step makes more of an error than it is, and neither do many, be there ever so few shapes.
+    hardly any of the map is. Where the last scan was blind all is new: what a later scan will find there is what is put
+    in now; and the more so the nearer it came to that, by its ``doubt`` (6, 6), see `ScanToMap`. The directions are
+    those that the map knows best and least, square to one another with turns as metres at `_LEVER_M`: so no step makes
+    more of an error than it is, and neither do many, be there ever so few shapes.
     """
     in_metres = np.repeat([1.0 / _LEVER_M, 1.0], 3)
     G = np.zeros((6, 6))
     G[:3, :3] = G[3:, 3:] = R_odom_map
     G = in_metres[:, None] * G
     A, new = G @ (renewal.A + VAGUE) @ G.T, G @ (renewal.new + VAGUE) @ G.T
-    U = np.eye(6)
-    if blind.size:
-        U = np.linalg.svd(blind / in_metres[:, None])[0]
-    blind, seen = U[:, : blind.shape[1]], U[:, blind.shape[1] :]
-    strength, axes = np.linalg.eigh(seen.T @ A @ seen)
-    axes = seen @ axes
+    strength, axes = np.linalg.eigh(A)
     # what the noise of normals pretends to tell may be more than all that is known
     share = np.minimum(np.sum(axes * (new @ axes), axis=0) / strength, 1.0)
-    return np.asarray(in_metres[:, None] * ((axes * share) @ axes.T + blind @ blind.T) / in_metres)
+    kept = _without(doubt)
+    old = kept @ (axes * (1.0 - share)) @ axes.T @ kept
+    return np.asarray(in_metres[:, None] * (np.eye(6) - old) / in_metres)
+
+
+def _without(doubt: Array) -> Array:
+    """What scales errors down (6, 6) by as much as there is ``doubt`` (6, 6) of them, from the direction of most on."""
+    size = np.linalg.norm(doubt, axis=0)
+    order = np.argsort(-size, kind="stable")
+    axes = np.linalg.qr(doubt[:, order])[0]
+    taken = 1.0 - np.sqrt(np.maximum(1.0 - size[order] ** 2, 0.0))
+    return np.asarray(np.eye(6) - (axes * taken) @ axes.T)
 
 
 def _positive(covariance: Array) -> Array:

@@ -42,20 +42,23 @@ def test_what_noise_explains_is_taken_out_as_numpy_does(rng):
     for _ in range(50):
         M, N = rng.normal(size=(20, 6)), rng.uniform(0.0, 1.2) * rng.normal(size=(20, 6))
         A, C, B, b = M.T @ M, N.T @ N, 0.3 * M.T @ M, rng.normal(size=6)
-        T, Tb = np.zeros((6, 6)), np.zeros((6, 6))
+        T, Tb, odds = np.zeros((6, 6)), np.zeros((6, 6)), []
         for block in (slice(0, 3), slice(3, 6)):
             L = np.linalg.cholesky(A[block, block])
             share, V = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, C[block, block]).T))
             counts = np.clip(1.0 - 2.0 * share, 0.0, None) / np.maximum(1.0 - share, 0.5)
+            odds += list(np.where(counts > 0.0, share / (1.0 - share), 1.0))
             left, right = L @ V, V.T @ np.linalg.inv(L)
             T[block, block] = left @ np.diag((1.0 - share) * np.sqrt(counts)) @ right
             Tb[block, block] = left @ np.diag((1.0 - share) * counts) @ right
-        A_left, b_left, B_left, blind = A.copy(), b.copy(), B.copy(), np.empty((6, 6))
-        beyond_noise(A_left, b_left, B_left, C, 0.5, blind)
+        A_left, b_left, B_left, doubt = A.copy(), b.copy(), B.copy(), np.empty((6, 6))
+        beyond_noise(A_left, b_left, B_left, C, 0.5, doubt)
         np.testing.assert_allclose(A_left, T @ A @ T.T, atol=1e-8)
         np.testing.assert_allclose(b_left, Tb @ b, atol=1e-8)
         np.testing.assert_allclose(B_left, T @ B @ T.T, atol=1e-8)
-        np.testing.assert_allclose(A_left @ blind, 0.0, atol=1e-8)
+        length = np.linalg.norm(doubt, axis=0)
+        np.testing.assert_allclose(np.sort(length), np.sort(odds), atol=1e-8)
+        np.testing.assert_allclose(A_left @ doubt[:, length > 1.0 - 1e-9], 0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -141,6 +144,14 @@ def test_along_a_blind_direction_the_map_is_where_the_pose_is(state, rng):
     filter.extend_map(renewed(Renewal(1e6 * A, 0.25e6 * A), so3_exp(rng.normal(size=3)), blind))
     np.testing.assert_allclose(_apart(filter.P)[0], 0.0, atol=1e-9)
     np.testing.assert_allclose(_apart(filter.P)[1:, 1:], 0.75**2 * apart[1:, 1:], rtol=1e-3)
+
+
+def test_the_nearer_a_scan_came_to_being_blind_the_newer_the_map_is(rng):
+    root = rng.normal(size=(8, 6))
+    A, along = root.T @ root, np.concatenate([np.zeros(3), AXIS])
+    renewal = Renewal(1e6 * A, 0.25e6 * A)
+    share = [along @ renewed(renewal, np.eye(3), odds * along[:, None]) @ along for odds in (0.0, 0.3, 0.6, 0.9, 1.0)]
+    np.testing.assert_allclose(share, 1.0 - 0.75 * (1.0 - np.array([0.0, 0.3, 0.6, 0.9, 1.0]) ** 2), rtol=1e-3)
 
 
 def test_the_first_rock_ahead_is_new_though_hardly_any_of_the_map_is(rng):
