@@ -391,6 +391,8 @@ def point_to_shape(
 def beyond_noise(A, b, B, C, blind_from, doubt):
     """A (6, 6), b (6,) and B (6, 6) of `point_to_shape` without what C explains, in place; see `localize.lidar`.
 
+    Returns along how many directions nothing is left.
+
     Rotation and position each for themselves: along a direction in which a share γ of A comes from C, b is multiplied
     by ``1 - γ``, and A and B by its square. Both fade, as the number of points does, to nothing where γ comes to
     ``blind_from``. doubt (6, 6): columns along these directions, as long as noise is to knowledge, ``γ / (1 - γ)``, and
@@ -398,6 +400,7 @@ def beyond_noise(A, b, B, C, blind_from, doubt):
     """
     T, Tb, W, share, V = np.zeros((6, 6)), np.zeros((6, 6)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     doubt[:, :] = 0.0
+    blind = 0
     for first in (0, 3):
         block = slice(first, first + 3)
         # whitened by A: W A Wᵀ = 1, rows of W
@@ -417,7 +420,9 @@ def beyond_noise(A, b, B, C, blind_from, doubt):
                     T[first + row, first + column] += np.sqrt(counts) * kept
                     Tb[first + row, first + column] += counts * kept
             odds = share[i] / left if counts > 0.0 else 1.0
+            blind += counts == 0.0
             doubt[block, first + i] = odds / np.sqrt(np.sum(directions[i] ** 2)) * directions[i]
     A[:, :] = T @ A @ T.T
     b[:] = Tb @ b
     B[:, :] = T @ B @ T.T
+    return blind

@@ -8,12 +8,13 @@ from numba.core.dispatcher import Dispatcher
 
 from localize._numba_dust import cubes
 from localize._numba_propagation import deskew, propagate
+from localize._numba_renewal import new_share
 from localize._numba_voxels import beyond_noise, crosses, downsample, insert, point_to_shape
 
 
 def kernels_compiled() -> bool:
     """Whether the kernels of the odometry lie in numba's cache, made from their source as it is now."""
-    kernels = (propagate, deskew, downsample, insert, point_to_shape, beyond_noise, crosses, cubes)
+    kernels = (propagate, deskew, downsample, insert, point_to_shape, beyond_noise, crosses, cubes, new_share)
     return all(_cached(kernel) for kernel in kernels)
 
 

@@ -168,7 +168,7 @@ class ErrorStateFilter:
                 break
             info = latest
             aside = _hanging_on(info, self.P)
-            P = self.P - aside @ aside.T
+            P = self.P - aside @ aside.T if aside.size else self.P
             rhs = P[:, info.columns] @ info.b - offset
             delta = solved(P, info.columns, info.A, rhs[:, None])[:, 0]
             self.state = self.state.boxplus(delta)
@@ -176,9 +176,11 @@ class ErrorStateFilter:
                 break
             offset = self.state.boxminus(predicted)
         if info is not None:
-            both = solved(P, info.columns, info.A, np.hstack([P, aside]))
+            both = solved(P, info.columns, info.A, np.hstack([P, aside]) if aside.size else P)
             P, aside = both[:, : len(P)], both[:, len(P) :]
-            self.P = 0.5 * (P + P.T) + aside @ aside.T
+            self.P = 0.5 * (P + P.T)
+            if aside.size:
+                self.P += aside @ aside.T
         return info
 
     def clone_pose(self) -> None:

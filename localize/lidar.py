@@ -22,6 +22,7 @@ VAGUE = np.diag(np.repeat([0.05**-2, 0.5**-2], 3))
 _BLIND_FROM = 0.5
 """A scan is blind along a direction of which so much of what it seems to know is noise: that is known to half of it.
 Up to there its knowledge fades: the errors of a few stones ahead, seen scan by scan, are one and not many."""
+_SEES_ALL = np.zeros((6, 0))
 
 
 class ScanPart(NamedTuple):
@@ -56,7 +57,7 @@ class ScanToMap:
     min_matches: int
     matched: int = field(default=0, init=False)
     pose_information: Array | None = field(default=None, init=False)
-    blind: Array = field(default_factory=lambda: np.zeros((6, 0)), init=False)
+    blind: Array = field(default_factory=lambda: _SEES_ALL, init=False)
     doubt: Array = field(default_factory=lambda: np.zeros((6, 6)), init=False)
     _at: NavState | None = field(default=None, init=False)
     _met: list[ShapeMatch] = field(default_factory=list, init=False)
@@ -66,8 +67,7 @@ class ScanToMap:
         if self.matched < self.min_matches:
             return None
         J = _columns_of(state)
-        A, b, _, self.doubt = _beyond_noise(matches)
-        self.blind = _whole(self.doubt)
+        A, b, _, self.doubt, self.blind = _beyond_noise(matches)
         self.pose_information = A / self.correlation
         return Information(
             J @ A @ J.T / self.correlation, J @ b / self.correlation, _COLUMNS,
@@ -85,7 +85,7 @@ class ScanToMap:
             return None
         J = np.zeros((6, 6))
         J[:3, :3] = J[3:, 3:] = state.R
-        A, _, B, _ = _beyond_noise(matches)
+        A, _, B, *_ = _beyond_noise(matches)
         G = J @ np.linalg.inv(A + VAGUE)
         return np.asarray(G @ B @ G.T)
 
@@ -103,12 +103,13 @@ class ScanToMap:
 
 
 class _Knowledge(NamedTuple):
-    """What a scan knows: A, b and B as in `ShapeMatch`; and the ``doubt`` (6, 6) of `beyond_noise`."""
+    """What a scan knows: A, b and B as in `ShapeMatch`, ``doubt`` and ``blind`` as in `ScanToMap`."""
 
     A: Array
     b: Array
     B: Array
     doubt: Array
+    blind: Array
 
 
 def _beyond_noise(matches: Sequence[ShapeMatch]) -> _Knowledge:
@@ -122,14 +123,14 @@ def _beyond_noise(matches: Sequence[ShapeMatch]) -> _Knowledge:
     """
     A, b, B, C = (np.asarray(sum(getattr(match, name) for match in matches)) for name in ("A", "b", "B", "C"))
     doubt = np.empty((6, 6))
-    beyond_noise(A, b, B, C, _BLIND_FROM, doubt)
-    return _Knowledge(A, b, B, doubt)
+    blind = beyond_noise(A, b, B, C, _BLIND_FROM, doubt)
+    return _Knowledge(A, b, B, doubt, _whole(doubt) if blind else _SEES_ALL)
 
 
 def _whole(doubt: Array) -> Array:
     """Unit directions (6, m) that span the columns of length 1."""
     blind = doubt[:, np.sum(doubt**2, axis=0) > 1.0 - 1e-9]
-    return np.linalg.svd(blind)[0][:, : blind.shape[1]] if blind.size else blind
+    return np.linalg.svd(blind)[0][:, : blind.shape[1]]
 
 
 def _columns_of(state: NavState) -> Array:

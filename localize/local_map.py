@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from localize._numba_renewal import new_share
 from localize.features import curvature_features
 from localize.filter import ErrorStateFilter
 from localize.lidar import VAGUE, ScanPart, ScanToMap
@@ -145,7 +147,7 @@ class LocalMap:
         T = filter.state.T_odom_imu
         if self._T_odom_last is not None:
             moved = inverse(self._T_odom_last) @ T
-            step_m = float(np.linalg.norm(moved[:3, 3]))
+            step_m = hypot(*moved[:3, 3])
             least_m = _STEP_M if self._since_blind_m > _BLIND_FOR_M else _BLIND_STEP_M
             if step_m < least_m and rotation_angle(moved[:3, :3]) < _STEP_RAD:
                 return
@@ -176,26 +178,9 @@ def renewed(renewal: Renewal, R_odom_map: Array, doubt: Array) -> Array:
     those that the map knows best and least, square to one another with turns as metres at `_LEVER_M`: so no step makes
     more of an error than it is, and neither do many, be there ever so few shapes.
     """
-    in_metres = np.repeat([1.0 / _LEVER_M, 1.0], 3)
-    G = np.zeros((6, 6))
-    G[:3, :3] = G[3:, 3:] = R_odom_map
-    G = in_metres[:, None] * G
-    A, new = G @ (renewal.A + VAGUE) @ G.T, G @ (renewal.new + VAGUE) @ G.T
-    strength, axes = np.linalg.eigh(A)
-    # what the noise of normals pretends to tell may be more than all that is known
-    share = np.minimum(np.sum(axes * (new @ axes), axis=0) / strength, 1.0)
-    kept = _without(doubt)
-    old = kept @ (axes * (1.0 - share)) @ axes.T @ kept
-    return np.asarray(in_metres[:, None] * (np.eye(6) - old) / in_metres)
-
-
-def _without(doubt: Array) -> Array:
-    """What scales errors down (6, 6) by as much as there is ``doubt`` (6, 6) of them, from the direction of most on."""
-    size = np.linalg.norm(doubt, axis=0)
-    order = np.argsort(-size, kind="stable")
-    axes = np.linalg.qr(doubt[:, order])[0]
-    taken = 1.0 - np.sqrt(np.maximum(1.0 - size[order] ** 2, 0.0))
-    return np.asarray(np.eye(6) - (axes * taken) @ axes.T)
+    share = np.empty((6, 6))
+    new_share(renewal.A, renewal.new, np.ascontiguousarray(R_odom_map), doubt, np.diag(VAGUE), _LEVER_M, share)
+    return share
 
 
 def _positive(covariance: Array) -> Array:

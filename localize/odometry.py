@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,7 +243,7 @@ class Odometry:
 
     def _keyframe_rule(self, way: Array) -> bool:
         """Whether this pose, so far on its ``way``, is a keyframe (paper 004 Eq. 8, 9); the first is."""
-        moved = np.linalg.norm(way[:3, 3]) > self.keyframes.distance
+        moved = hypot(*way[:3, 3]) > self.keyframes.distance
         turned = rotation_angle(way[:3, :3]) > self.keyframes.angle
         if not (moved or turned or self.keyframe_due or self._T_odom_keyframe is None):
             return False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import hypot
 
 import numpy as np
 
@@ -98,7 +99,7 @@ class NavState:
             v=self.v + delta[VELOCITY],
             gyro_bias=self.gyro_bias + delta[GYRO_BIAS],
             accel_bias=self.accel_bias + delta[ACCEL_BIAS],
-            g=g * (np.linalg.norm(self.g) / np.linalg.norm(g)),
+            g=g * (hypot(*self.g) / hypot(*g)),
             T_imu_lidar=_pose_plus(self.T_imu_lidar, delta[LIDAR]),
             T_imu_tag=_pose_plus(self.T_imu_tag, delta[TAG]),
             T_imu_wheel=_pose_plus(self.T_imu_wheel, delta[WHEEL]),

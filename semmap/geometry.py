@@ -6,7 +6,7 @@ All functions accept leading batch dimensions unless they say otherwise.
 
 from __future__ import annotations
 
-from math import sin, sqrt
+from math import acos, sin, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -177,6 +177,8 @@ def adjoint(T: ArrayLike) -> Array:
 def rotation_angle(R: ArrayLike) -> Array:
     """Angle [rad] of rotation matrices (..., 3, 3), paper 004 Eq. 9."""
     R = np.asarray(R, dtype=np.float64)
+    if R.ndim == 2:
+        return np.asarray(acos(min(max(0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0), -1.0), 1.0)))
     trace = R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2]
     return np.asarray(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)))
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from scipy.spatial import cKDTree
 
 from localize import Localizer
 from localize.results import LocalizationResult
@@ -48,6 +49,8 @@ _START_UP_S = 10.0
 _CUBE_M, _CUBE_POINTS = 0.3, 20
 _EVERY = 5
 """Scans that make the map whose thickness is measured: each fifth."""
+_ROCK_EVERY, _SEEN_EVERY = 3, 11
+"""Points of them that stand for the rock, and that are compared with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +104,8 @@ class Drive:
     start_yaw : error when the place in the map became known [deg]. start_rms : position over the first 10 s from then
     on [m]. start_lean : most of roll and pitch over the first 10 s of odometry [deg]. after_hidden : position error
     when the prism came back into sight, most_hidden : the most until then [m]. thickness : of the walls in the map that
-    the final poses make [m]; true_thickness : that the true ones make. ms : a scan, median.
+    the final poses make [m]; true_thickness : that the true ones make. ghosts : what points that are put into the map
+    when their scan is done lie off the rock, RMS [m]; true_ghosts : by true poses. ms : a scan, median.
     """
 
     case: str
@@ -121,6 +125,8 @@ class Drive:
     most_hidden: float = np.nan
     thickness: float = np.nan
     true_thickness: float = np.nan
+    ghosts: float = np.nan
+    true_ghosts: float = np.nan
     known_from_s: float = np.nan
     ms: float = np.nan
 
@@ -233,6 +239,7 @@ def compared(
         after_hidden=float(np.linalg.norm(at.off[hidden][-1])),
         most_hidden=float(np.linalg.norm(at.off[hidden], axis=1).max()),
         thickness=thickness(final, rig, scans), true_thickness=thickness(truth, rig, scans),
+        ghosts=ghosts(now, truth, rig, scans), true_ghosts=ghosts(truth, truth, rig, scans),
         known_from_s=float(at.t[0]), ms=ms,
     )  # fmt: skip
 
@@ -265,13 +272,10 @@ def _started(odometry: Trajectory, truth: Trajectory) -> Trajectory:
     return Trajectory("map", odometry.stamps_ns, truth.at(at)[0] @ inverse(odometry.at(at)[0]) @ odometry.poses)
 
 
-def thickness(track: Trajectory, rig: Rig, scans: Sequence[Scan]) -> float:
-    """How thick walls are in the map that a track makes of scans [m]: across, RMS in cubes, the median of these.
-
-    Each point lies where the track was at its own time; what is nearer than 1 m to the LiDAR (dust) is left out.
-    """
+def _placed(track: Trajectory, rig: Rig, scans: Sequence[Scan]) -> Array:
+    """The points (n, 3) of scans in the map, each where the track was at its own time [m]."""
     assert rig.lidar is not None
-    parts = []
+    parts = [np.empty((0, 3))]
     for scan in scans:
         at = scan.stamp_ns + scan.offsets_ns
         good = (at >= track.stamps_ns[0]) & (at <= track.stamps_ns[-1])
@@ -281,7 +285,18 @@ def thickness(track: Trajectory, rig: Rig, scans: Sequence[Scan]) -> float:
         poses = track.at(columns) @ rig.lidar.T_imu_lidar
         p = scan.points[good].astype(np.float64)
         parts.append(np.einsum("nij,nj->ni", poses[which, :3, :3], p) + poses[which, :3, 3])
-    points = np.concatenate(parts)
+    return np.concatenate(parts)
+
+
+def ghosts(track: Trajectory, truth: Trajectory, rig: Rig, scans: Sequence[Scan]) -> float:
+    """How far the points that a track puts into the map lie off the rock that other scans show, RMS [m]."""
+    rock, seen = _placed(truth, rig, scans[::2])[::_ROCK_EVERY], _placed(track, rig, scans[1::2])[::_SEEN_EVERY]
+    return float(np.sqrt(np.mean(cKDTree(rock).query(seen)[0] ** 2))) if len(rock) and len(seen) else np.nan
+
+
+def thickness(track: Trajectory, rig: Rig, scans: Sequence[Scan]) -> float:
+    """How thick walls are in the map that a track makes of scans [m]: across, RMS in cubes, the median of these."""
+    points = _placed(track, rig, scans)
     keys = np.floor(points / _CUBE_M).astype(np.int64) @ np.array([1, 1 << 20, 1 << 40])
     cube, count = np.unique(keys, return_inverse=True, return_counts=True)[1:]
     mean = np.column_stack([np.bincount(cube, axis) for axis in points.T]) / count[:, None]
@@ -311,11 +326,13 @@ def table(done: Sequence[Drive]) -> Table:
         hidden = f"{over('after_hidden')} ({1e3 * value['most_hidden'].max():.0f})" if "out of" in case else ""
         thick = f"{over('thickness')} ({over('true_thickness')})"
         start = (over("start_lean", 1.0, 3), over("start_yaw", 1.0, 2), over("start_rms"))
+        ghost = f"{over('ghosts', 1e3, 0)} ({over('true_ghosts', 1e3, 0)})"
         cells = (f"{len(found)} of {len(mine)}", over("rms"), worst, over("final_rms"), z, attitude, over("yaw", 1, 3))
-        rows.append([case, *cells, hidden, *start, thick, over("ms", 1.0, 0)])
+        rows.append([case, *cells, hidden, *start, thick, ghost, over("ms", 1.0, 0)])
     head = (
         "case", "seeds", "RMS [mm]", "worst seed", "final RMS", "z (most)", "roll, pitch RMS [deg] (worst)",
-        "yaw [deg]", "after 30 s (most)", "start: lean [deg]", "yaw [deg]", "RMS [mm]", "thickness (true) [mm]", "ms",
+        "yaw [deg]", "after 30 s (most)", "start: lean [deg]", "yaw [deg]", "RMS [mm]", "thickness (true) [mm]",
+        "ghosts (true) [mm]", "ms",
     )  # fmt: skip
     return text_table(head, rows, title="Roadheader")
 
