@@ -22,7 +22,7 @@ from localize.settings import KeyframeSettings, OdometrySettings, PrismSettings
 from localize.slip import WheelFusion
 from localize.state import GRAVITY, POSITION, ROTATION, NavState
 from localize.uwb import Vertical
-from semmap.geometry import Array, inverse, rotation_angle, se3_log, skew, transform
+from semmap.geometry import Array, inverse, rotation_angle, skew, so3_log, transform
 from semmap.measurements import ImuSample, Measurement, PrismFix, Scan, UwbRange, WheelSpeed
 from semmap.rig import Rig
 
@@ -238,7 +238,8 @@ class Odometry:
         if self._ranged:
             return way
         odometrys = inverse(self._T_odom_keyframe) @ self.filter.state.T_odom_imu
-        moved = se3_log(inverse(way) @ odometrys)
+        apart = inverse(way) @ odometrys
+        moved = np.concatenate([so3_log(apart[:3, :3]), apart[:3, 3]])
         return odometrys if moved @ np.linalg.solve(covariance, moved) < _NO_MOTION else way
 
     def _keyframe_rule(self, way: Array) -> bool:
