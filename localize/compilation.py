@@ -7,9 +7,9 @@ from pathlib import Path
 from numba.core.dispatcher import Dispatcher
 
 from localize._numba_dust import cubes
+from localize._numba_knowledge import beyond_noise, new_share
 from localize._numba_propagation import deskew, propagate
-from localize._numba_renewal import new_share
-from localize._numba_voxels import beyond_noise, crosses, downsample, insert, point_to_shape
+from localize._numba_voxels import crosses, downsample, insert, point_to_shape
 
 
 def kernels_compiled() -> bool:

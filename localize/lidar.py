@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from localize._numba_knowledge import beyond_noise
 from localize._numba_update import columns_of
-from localize._numba_voxels import beyond_noise
 from localize.filter import Information
 from localize.state import LIDAR, MAP, POSITION, ROTATION, NavState
 from localize.voxel_map import RangeNoise, ShapeMatch, VoxelMap

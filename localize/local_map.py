@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from localize._numba_renewal import new_share
+from localize._numba_knowledge import new_share
 from localize.features import curvature_features
 from localize.filter import ErrorStateFilter
 from localize.lidar import VAGUE, ScanPart, ScanToMap

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from localize._numba_voxels import beyond_noise
+from localize._numba_knowledge import beyond_noise
 from localize.filter import ErrorStateFilter, Information
 from localize.lidar import ScanPart, ScanToMap, _columns_of
 from localize.local_map import renewed
