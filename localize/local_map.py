@@ -26,7 +26,8 @@ _STEP_M, _STEP_RAD = 0.35, 0.05
 _BLIND_STEP_M, _BLIND_FOR_M = 0.1, 20.0
 """The same where a scan was blind along a direction, and for so long after: what first shows there is met as soon as it
 is mapped, and more often than it is mapped its error would be taken for so many. From still nearer the same few lines
-of rock would come again and again and pass for planes."""
+of rock would come again and again and pass for planes. A scan that meets too little to tell anything, in dust, is mapped
+wherever it is from: of rock that one return in thirty comes from there are no planes else."""
 _SETTLED = 2e-3
 """A step of an update below this [rad, m] is the last: what the next would mend is of its second order."""
 _LEAN_WALK = 1e-4
@@ -88,6 +89,7 @@ class LocalMap:
         self._old: Array | None = None
         """What the map keeps of its error since a scan last told how far its shapes are off (6, 6); None if all."""
         self._doubt = np.zeros((6, 6))
+        self._told = False
 
     def surfaces(self, scan: Scan, deskewed: Array) -> list[Surface]:
         """What of a scan's points, ``deskewed`` (n, 3), goes where.
@@ -112,7 +114,7 @@ class LocalMap:
             filter.centre_map()
             self._age(model, filter)
             filter.update(model, iterations=s.iterations, tolerance=_SETTLED)
-            self._doubt = model.doubt
+            self._doubt, self._told = model.doubt, model.pose_information is not None
             if model.blind.size:
                 self._since_blind_m = 0.0
         return ScanMatch(model.matched, sum(len(part.points) for part in parts), model.pose_information)
@@ -149,7 +151,7 @@ class LocalMap:
             moved = inverse(self._T_odom_last) @ T
             step_m = hypot(*moved[:3, 3])
             least_m = _STEP_M if self._since_blind_m > _BLIND_FOR_M else _BLIND_STEP_M
-            if step_m < least_m and rotation_angle(moved[:3, :3]) < _STEP_RAD:
+            if self._told and step_m < least_m and rotation_angle(moved[:3, :3]) < _STEP_RAD:
                 return
             self._grown_m += step_m
             self._since_blind_m += step_m
