@@ -26,8 +26,8 @@ _STEP_M, _STEP_RAD = 0.35, 0.05
 _BLIND_STEP_M, _BLIND_FOR_M = 0.1, 20.0
 """The same where a scan was blind along a direction, and for so long after: what first shows there is met as soon as it
 is mapped, and more often than it is mapped its error would be taken for so many. From still nearer the same few lines
-of rock would come again and again and pass for planes. A scan that meets too little to tell anything, in dust, is mapped
-wherever it is from: of rock that one return in thirty comes from there are no planes else."""
+of rock would come again and again and pass for planes. Only a scan that meets too little to tell anything, in dust, is
+mapped wherever it is from: of rock that one return in thirty comes from there are no planes else."""
 _SETTLED = 2e-3
 """A step of an update below this [rad, m] is the last: what the next would mend is of its second order."""
 _LEAN_WALK = 1e-4
