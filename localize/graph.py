@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from localize.links import Slide
 from localize.settings import GraphSettings
+from localize.slid_way import slid
 from semmap.geometry import Array, adjoint, inverse
 
 _VAGUE_RAD, _VAGUE_M = 0.5, 30.0
@@ -25,6 +27,7 @@ class _RelativePose:
 
     T_a_b: Array
     covariance: Array
+    slide: Slide | None = None
 
 
 class PoseGraph:
@@ -61,18 +64,20 @@ class PoseGraph:
         return len(self._T_odom)
 
     def add_keyframe(
-        self, T_odom_imu: Array, up_odom: Array, T_before_imu: Array, covariance: Array, up_std: float = np.inf
-    ) -> None:
+        self, T_odom_imu: Array, up_odom: Array, T_before_imu: Array, covariance: Array, up_std: float = np.inf,
+        slide: Slide | None = None,
+    ) -> None:  # fmt: skip
         """The next keyframe: its pose, the direction against gravity, and its pose relative to the keyframe before.
 
         ``up_std`` [rad] is how well the direction is known.
         ``covariance`` (6, 6) is that of the relative pose; the first keyframe's is not used.
+        ``slide``: that, where scans are blind, links share.
         """
         self._up_imu.append(T_odom_imu[:3, :3].T @ up_odom)
         shared = min(_SHARED, len(self._up_std) + 1.0)
         self._up_std.append(min(self.settings.vertical_std, shared * up_std))
         if self._T_odom:
-            link = _RelativePose(T_before_imu, covariance)
+            link = _RelativePose(T_before_imu, covariance, slide)
             self._links.append(link)
             carry = adjoint(T_odom_imu)
             self._way.append(self._way[-1] + carry @ covariance @ carry.T)
@@ -120,10 +125,26 @@ class PoseGraph:
 
     def _insert_link(self, index: int, T_map_imu: Array) -> None:
         link = self._links[index - 1]
-        noise = gtsam.noiseModel.Gaussian.Covariance(link.covariance)
-        self._new.add(gtsam.BetweenFactorPose3(_X(index - 1), _X(index), gtsam.Pose3(link.T_a_b), noise))
+        if link.slide is None:
+            noise = gtsam.noiseModel.Gaussian.Covariance(link.covariance)
+            self._new.add(gtsam.BetweenFactorPose3(_X(index - 1), _X(index), gtsam.Pose3(link.T_a_b), noise))
+        else:
+            self._insert_slide(index, link.T_a_b, link.slide, T_map_imu)
         self._values.insert(_X(index), gtsam.Pose3(T_map_imu))
         self._insert_vertical(index)
+
+    def _insert_slide(self, index: int, T_a_b: Array, slide: Slide, T_map_imu: Array) -> None:
+        """A link that slides by a speed, which is a variable and goes on from link to link."""
+        R_map_odom = T_map_imu[:3, :3] @ self._T_odom[index][:3, :3].T
+        goes_on = slide.goes_on and index > 1 and self._links[index - 2].slide is not None
+        walk = R_map_odom @ (slide.walk if goes_on else slide.whole) @ R_map_odom.T + _EXACT**2 * np.eye(3)
+        noise = gtsam.noiseModel.Gaussian.Covariance(walk)
+        if goes_on:
+            self._new.add(gtsam.BetweenFactorPoint3(_U(index - 1), _U(index), np.zeros(3), noise))
+        else:
+            self._new.add(gtsam.PriorFactorPoint3(_U(index), np.zeros(3), noise))
+        self._values.insert(_U(index), np.zeros(3))
+        self._new.add(slid(_X(index - 1), _X(index), _U(index), T_a_b, slide.left * slide.seconds, slide.alone))
 
     def _insert_vertical(self, index: int) -> None:
         """Gravity as the filter knows it holds roll and pitch where pins are far, or are ranges only."""
@@ -269,6 +290,11 @@ class PoseGraph:
 
 def _X(index: int) -> int:
     key: int = gtsam.symbol("x", index)
+    return key
+
+
+def _U(index: int) -> int:
+    key: int = gtsam.symbol("u", index)
     return key
 
 

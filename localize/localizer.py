@@ -244,7 +244,7 @@ class Localizer:
         from one blind keyframe to the next the graph knows little of what hangs together in it."""
         if self.rig.total_station is not None and pose.state.T_map_odom is not None and self._links.blind(pose):
             return Expected(*in_map(pose.state, pose.covariance))
-        return at if pose.keyframe else carried(at, pose.T_keyframe_imu, self._links.of(pose))
+        return at if pose.keyframe else carried(at, pose.T_keyframe_imu, self._links.of(pose).covariance)
 
     def _odometry_counts(self) -> Counter[str]:
         """What the present odometry counted."""

@@ -9,6 +9,7 @@ from localize.hypotheses import carried
 from localize.journal import Journal
 from localize.keyframes import Keyframe
 from localize.legs import Leg
+from localize.links import Link
 from localize.matcher import Expected
 from localize.odometry import OdometryPose
 from localize.settings import GraphSettings
@@ -53,10 +54,12 @@ class Track:
         self.at = None
         self.legs.append(Leg(PoseGraph(self.settings, range_bias_std=self.range_bias_std), first_keyframe))
 
-    def add_keyframe(self, keyframe: Keyframe, pose: OdometryPose, covariance: Array) -> None:
-        """The newest keyframe, and the covariance (6, 6) of the way to it."""
+    def add_keyframe(self, keyframe: Keyframe, pose: OdometryPose, link: Link) -> None:
+        """The newest keyframe, and how far off the way to it is."""
         self.newest = keyframe
-        self.graph.add_keyframe(keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, covariance, pose.up_std)
+        self.graph.add_keyframe(
+            keyframe.T_odom_imu, keyframe.up_odom, pose.T_keyframe_imu, link.covariance, pose.up_std, link.slide
+        )
         self.keyframes.append((keyframe.stamp_ns, pose.T_odom_imu))
         self.leg.unmoved.append(keyframe.T_odom_imu)
         self.journal.counts["keyframes"] += 1
