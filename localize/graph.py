@@ -9,8 +9,7 @@ import numpy as np
 
 from localize.links import Slide
 from localize.settings import GraphSettings
-from localize.slid_way import slid
-from semmap.geometry import Array, adjoint, inverse
+from semmap.geometry import Array, adjoint, inverse, skew
 
 _VAGUE_RAD, _VAGUE_M = 0.5, 30.0
 _ANY_TURN_RAD = 10.0
@@ -136,7 +135,7 @@ class PoseGraph:
     def _insert_slide(self, index: int, T_a_b: Array, slide: Slide, T_map_imu: Array) -> None:
         """A link that slides by a speed, which is a variable and goes on from link to link."""
         R_map_odom = T_map_imu[:3, :3] @ self._T_odom[index][:3, :3].T
-        goes_on = slide.goes_on and index > 1 and self._links[index - 2].slide is not None
+        goes_on = index > 1 and self._links[index - 2].slide is not None
         walk = R_map_odom @ (slide.walk if goes_on else slide.whole) @ R_map_odom.T + _EXACT**2 * np.eye(3)
         noise = gtsam.noiseModel.Gaussian.Covariance(walk)
         if goes_on:
@@ -286,6 +285,31 @@ class PoseGraph:
         rest._T_odom, rest._up_imu, rest._links = self._T_odom[index:], self._up_imu[index:], self._links[index:]
         rest._up_std, rest._way = self._up_std[index:], self._way[index:]
         return rest
+
+
+def slid(a: int, b: int, u: int, T_a_b: Array, seconds: float, covariance: Array) -> gtsam.CustomFactor:
+    """From pose ``a`` to pose ``b`` it is ``T_a_b`` (4, 4) and, in b's axes, ``seconds`` times the speed ``u``.
+
+    covariance : (6, 6) of the way besides, rotation first, perturbed at b.
+    """
+    T_b_a = gtsam.Pose3(T_a_b).inverse()
+
+    def error(factor: gtsam.CustomFactor, values: gtsam.Values, H: list[Array] | None) -> Array:
+        T_map_b = values.atPose3(b)
+        way = values.atPose3(a).between(T_map_b)
+        beyond = T_b_a.compose(way)
+        R_b_map = T_map_b.rotation().matrix().T
+        went = beyond.rotation().matrix().T @ beyond.translation()
+        off = np.concatenate([gtsam.Rot3.Logmap(beyond.rotation()), went - seconds * (R_b_map @ values.atPoint3(u))])
+        if H is not None:
+            # the turn that is left is small: the logarithm's own derivative is one
+            H[0], H[1], H[2] = np.eye(6), np.eye(6), np.zeros((6, 3))
+            H[0][3:, :3], H[1][3:, :3] = skew(went), skew(off[3:])
+            H[0] = -H[0] @ way.inverse().AdjointMap()
+            H[2][3:] = -seconds * R_b_map
+        return off
+
+    return gtsam.CustomFactor(gtsam.noiseModel.Gaussian.Covariance(covariance), [a, b, u], error)
 
 
 def _X(index: int) -> int:

@@ -13,23 +13,24 @@ from semmap.geometry import Array
 
 _NOTHING = 1e-3 * np.eye(6)
 """What is known where a scan says nothing, so that its information has an inverse."""
+_SHARED = 0.5
+"""A link within a drift of whose speed less than this is that of the link before errs by itself: a wheel holds it."""
 _FORGOTTEN = 1e-3
-"""A speed of which so little is left is another."""
+"""So little is left of a speed that it is another."""
 
 
 @dataclass(frozen=True, slots=True)
 class Slide:
     """How a way slides where scans are blind: by the speed of the way before, as much as is left of it, and its walk.
 
-    The speed is ``left`` times a vector that walks from link to link.
+    The speed is ``left`` times a vector that walks from link to link for as long as these slide.
 
-    seconds : of the way. goes_on : whether the vector is that of the way before, but for its walk.
+    seconds : of the way.
     walk, whole : covariances (3, 3), axes of odom, of what the vector changed by, and of the vector [m²/s²].
     alone : covariance (6, 6) of the way if the speed were known, perturbed on the right.
     """
 
     seconds: float
-    goes_on: bool
     left: float
     walk: Array
     whole: Array
@@ -62,13 +63,27 @@ class LinkCovariances:
 
     def of(self, pose: OdometryPose) -> Link:
         """The way to ``pose``."""
+        return self._grown(pose)[0]
+
+    def blind(self, pose: OdometryPose) -> bool:
+        """Whether the scan leaves the place open in some direction."""
+        return self._blind(pose).size > 0
+
+    def keyframe(self, pose: OdometryPose) -> None:
+        """The way goes on from here."""
+        link, self._slid = self._grown(pose)
+        self._left = link.slide.left if link.slide is not None else 1.0
+        self._last = pose
+
+    def _grown(self, pose: OdometryPose) -> tuple[Link, Array]:
+        """The way to ``pose``, and how far the links slid and by what speed then (6, 6)."""
         s, R = self.settings, pose.T_odom_imu[:3, :3]
         drift = np.repeat([s.drift_rotation, s.drift_position], 3) ** 2
         stretch = np.repeat([1.0, np.sqrt(s.link_correlation)], 3)
         covariance: Array = pose.since_keyframe * np.outer(stretch, stretch) + np.diag(drift)
         blind = self._blind(pose)
         if self._last is None or not blind.size:
-            return Link(covariance)
+            return Link(covariance), np.zeros((6, 6))
         across = np.eye(6)
         across[3:, 3:] -= blind @ blind.T
         alone = across @ covariance @ across
@@ -77,42 +92,28 @@ class LinkCovariances:
         for u in blind.T:
             covariance[3:, 3:] += max(0.0, float(u @ (more - covariance[3:, 3:]) @ u)) * np.outer(u, u)
         grows = np.einsum("im,ij,jm->m", blind, covariance[3:, 3:], blind)
-        return Link(covariance, self._slide(pose, R @ blind, grows, alone))
-
-    def _slide(self, pose: OdometryPose, axes: Array, grows: Array, alone: Array) -> Slide:
-        """The slide by which the place's variance grows by ``grows`` (m,) along ``axes`` (3, m) of odom."""
-        assert self._last is not None
         seconds = (pose.stamp_ns - self._last.stamp_ns) * 1e-9
+        share, walk = self._speed(seconds, R @ blind, grows)
+        speed = np.diag(np.repeat([1.0, share], 3)) @ self._slid @ np.diag(np.repeat([1.0, share], 3))
+        speed[3:, 3:] += walk
+        F = np.eye(6)
+        F[:3, 3:] = seconds * np.eye(3)
+        slide, begins = None, not self._slid.any()
+        if share > 0.0 or begins:
+            left = self._left * share if share > 0.0 else 1.0
+            slide = Slide(seconds, left, walk / left**2, speed[3:, 3:] / left**2, alone)
+        return Link(covariance, slide), F @ speed @ F.T
+
+    def _speed(self, seconds: float, axes: Array, grows: Array) -> tuple[float, Array]:
+        """How much of the speed goes on, and the covariance (3, 3) of its walk, where the place's variance ``grows``
+        (m,) along ``axes`` (3, m) of odom: as much as does not make it grow faster."""
         by = 2.0 * seconds * np.einsum("im,ij,jm->m", axes, self._slid[:3, 3:], axes)
         by2 = seconds**2 * np.einsum("im,ij,jm->m", axes, self._slid[3:, 3:], axes)
-        # as much of the speed goes on as does not make the place grow faster
-        kept = 2.0 * grows / (by + np.sqrt(by**2 + 4.0 * by2 * grows) + 1e-30)
-        share = float(min(1.0, kept.min())) if self._slid.any() else 0.0
-        left = self._left * share
-        goes_on = left > _FORGOTTEN
-        if not goes_on:
-            share, left = 0.0, 1.0
-        walk = (axes * np.maximum(grows - share * by - share**2 * by2, 0.0)) @ axes.T / seconds**2
-        whole = (share**2 * self._slid[3:, 3:] + walk) / left**2
-        return Slide(seconds, goes_on, left, walk / left**2, whole, alone)
-
-    def blind(self, pose: OdometryPose) -> bool:
-        """Whether the scan leaves the place open in some direction."""
-        return self._blind(pose).size > 0
-
-    def keyframe(self, pose: OdometryPose) -> None:
-        """The way goes on from here."""
-        slide = self.of(pose).slide
-        if slide is None:
-            self._slid, self._left = np.zeros((6, 6)), 1.0
-        else:
-            share = slide.left / self._left if slide.goes_on else 0.0
-            speed = np.diag(np.repeat([1.0, share], 3)) @ self._slid @ np.diag(np.repeat([1.0, share], 3))
-            speed[3:, 3:] += slide.left**2 * slide.walk
-            F = np.eye(6)
-            F[:3, 3:] = slide.seconds * np.eye(3)
-            self._slid, self._left = F @ speed @ F.T, slide.left
-        self._last = pose
+        share = float(np.min(2.0 * grows / (by + np.sqrt(by**2 + 4.0 * by2 * grows) + 1e-30), initial=1.0))
+        if share < _SHARED or self._left * share < _FORGOTTEN or not self._slid.any():
+            share = 0.0
+        more = np.maximum(grows - share * by - share**2 * by2, 0.0)
+        return share, (axes * more) @ axes.T / seconds**2
 
     def _blind(self, pose: OdometryPose) -> Array:
         """Directions (3, m) in the imu's axes that the scan does not hold."""

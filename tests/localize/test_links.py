@@ -7,10 +7,9 @@ import gtsam
 import numpy as np
 import pytest
 
-from localize.graph import PoseGraph
+from localize.graph import PoseGraph, slid
 from localize.links import LinkCovariances
 from localize.settings import GraphSettings
-from localize.slid_way import slid
 from localize.state import POSITION
 from semmap.geometry import inverse, se3, so3_exp, yaw_rotation
 
